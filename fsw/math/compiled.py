@@ -1,0 +1,35 @@
+"""The one decorator of compiled code, and the switch that turns compilation off."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar, cast
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+COMPILE = os.environ.get("FSW_COMPILE", "1") != "0"
+"""False when the environment says ``FSW_COMPILE=0``: every kernel then runs as plain Python."""
+
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+"""numba options of all compiled code: IEEE division, no fastmath, no contraction."""
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a pure function of numbers, arrays and rows when it is first called.
+
+    The mark of everything a kernel may call. The function must be in the subset that numba compiles and must
+    mean the same in plain Python, because ``FSW_COMPILE=0`` and error reports run it uncompiled.
+
+    Args:
+        function: pure function; it may write into arrays that its name or docstring declares as outputs.
+
+    Returns:
+        The compiled dispatcher (the plain function is its ``py_func``), or ``function`` itself when compilation is off.
+    """
+    if not COMPILE:
+        return function
+    from numba import njit
+
+    return cast(Callable[P, R], njit(function, **OPTIONS))

@@ -1,0 +1,186 @@
+"""Recordings: what a port carried, kept by the executive in growing buffers, read as numpy arrays, saved to disk."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw import loop
+from messages.base import Message, ObjectMessage, json_schema
+
+if TYPE_CHECKING:
+    from fsw.ports import OutPort
+
+M = TypeVar("M", bound="Message | ObjectMessage")
+_FIRST_BYTES, _LARGEST_BYTES = 1 << 16, 1 << 24
+
+
+class Recording(Generic[M]):
+    """The recorded messages of one port; made by `OutPort.record`.
+
+    What the port holds when its owner's step ends is recorded, if it was written in that step.
+    """
+
+    def __init__(self, port: OutPort[M], *, every: int | None, on_change: bool) -> None:
+        if every is not None and every <= 0:
+            raise ValueError(f"recording of {port}: every must be positive (ns), got {every}")
+        self.port, self.every, self.on_change = port, every or 0, on_change
+        self.size = port.row.dtype.itemsize
+        self._full: list[NDArray[Any]] = []
+        self._objects: list[M] = []
+        self._chunk = np.zeros(0, port.row.dtype)
+        self.entry: NDArray[np.int64] = np.zeros(loop.WIDTHS[3], np.int64)
+        self._start_entry()
+
+    def _start_entry(self) -> None:
+        last = self.last_row
+        self.entry[loop.R_SIZE], self.entry[loop.R_SEQ] = self.size, self.port.seq
+        self.entry[loop.R_EVERY], self.entry[loop.R_CHANGE] = self.every, self.on_change
+        self.entry[loop.R_DUE] = 0 if last is None else last["t_ns"][0] + self.every
+        self.entry[loop.R_FIRST] = last is None
+        self.entry[[loop.R_BUFFER, loop.R_CAPACITY, loop.R_COUNT]] = 0
+
+    def attach(self, entry: NDArray[np.int64]) -> None:
+        """Move the bookkeeping into a row of the executive's table."""
+        entry[:] = self.entry
+        entry[loop.R_ROW] = self.port.row.ctypes.data
+        self.entry = entry
+
+    def grow(self) -> None:
+        """Start a new chunk, twice the last one's size; its row 0 repeats the last row recorded."""
+        last = self.last_row
+        if len(self._chunk):
+            self._full.append(self._chunk[1:])
+        rows = min(max(_FIRST_BYTES, 2 * self._chunk.nbytes), _LARGEST_BYTES) // self.size + 2
+        self._chunk = np.empty(rows, self.port.row.dtype)
+        if last is not None:
+            self._chunk[0] = last[0]
+        self.entry[loop.R_BUFFER] = self._chunk.ctypes.data + self.size
+        self.entry[loop.R_CAPACITY], self.entry[loop.R_COUNT] = rows - 1, 0
+
+    def keep_object(self, t_ns: int) -> None:
+        """Record an object port, as the executive does with rows."""
+        entry, held = self.entry, self.port.held()
+        if held is None or entry[loop.R_SEQ] == self.port.seq or t_ns < entry[loop.R_DUE]:
+            return
+        entry[loop.R_SEQ], entry[loop.R_DUE] = self.port.seq, t_ns + self.every
+        if not (self.on_change and self._objects and self._objects[-1] is held):
+            self._full.append(self.port.row.copy())
+            self._objects.append(held)
+
+    def truncate(self, t_ns: int) -> None:
+        """Forget everything written after ``t_ns``, or all with -1."""
+        rows = self.rows()
+        rows = rows[: np.searchsorted(rows["t_ns"], t_ns, side="right")]
+        self._objects = self._objects[: len(rows)]
+        self._full, self._chunk = ([rows] if len(rows) else []), np.zeros(0, rows.dtype)
+        self._start_entry()
+
+    @property
+    def count(self) -> int:
+        """Rows in the newest chunk."""
+        return int(self.entry[loop.R_COUNT])
+
+    def rows(self) -> NDArray[Any]:
+        """All rows as one structured array, header included."""
+        return np.concatenate([np.zeros(0, self._chunk.dtype), *self._full, self._chunk[1 : self.count + 1]])
+
+    @property
+    def last_row(self) -> NDArray[Any] | None:
+        """The newest row as an array of one, or None."""
+        if self.count:
+            return self._chunk[self.count : self.count + 1]
+        return self._full[-1][-1:] if self._full else None
+
+    @property
+    def t_ns(self) -> NDArray[np.int64]:
+        """Times at which the messages were written, (n,) ns."""
+        return self.rows()["t_ns"]
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """Times at which the messages were written, (n,) s."""
+        return self.t_ns * 1e-9
+
+    @property
+    def objects(self) -> list[M]:
+        """The recorded messages of an object port."""
+        return list(self._objects)
+
+    def __getitem__(self, field: str) -> NDArray[Any]:
+        """All values of a field, (n, *shape of the field)."""
+        if issubclass(self.port.kind, ObjectMessage):
+            return np.array([getattr(o, field) for o in self._objects], dtype=object)
+        names = [n for n in self.port.row.dtype.names or () if n not in ("t_ns", "seq")]
+        if field not in names:
+            raise KeyError(f"{self.port} has no field {field!r}; it has {', '.join(names)}")
+        return self.rows()[field]
+
+    def __len__(self) -> int:
+        return sum(map(len, self._full)) + self.count
+
+    def __repr__(self) -> str:
+        return f"Recording({self.port}, {len(self)} rows)"
+
+
+@contextlib.contextmanager
+def atomic(path: Path | str) -> Generator[Path]:
+    """A temporary file beside ``path`` that takes its place if all goes well, and vanishes if not."""
+    path = Path(path)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+    os.close(handle)
+    try:
+        yield Path(name)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def _save_npz(path: Path, recordings: Sequence[Recording[Any]]) -> None:
+    arrays = {repr(r.port): r.rows() for r in recordings}
+    schema = {repr(r.port): json_schema(r.port.kind) for r in recordings}
+    np.savez_compressed(path, schema=np.array(json.dumps(schema)), allow_pickle=False, **arrays)
+
+
+_WRITERS: dict[str, Callable[[Path, Sequence[Recording[Any]]], None]] = {".npz": _save_npz}
+
+
+def save(path: Path | str, recordings: Sequence[Recording[Any]]) -> None:
+    """Save recordings in the format of the path's suffix (now: ``.npz``); nothing is left behind if it fails.
+
+    Raises:
+        ValueError: if the format is unknown, or a recording is of an object port, which no format here can hold.
+        OSError: if the file cannot be written.
+    """
+    writer = _WRITERS.get(Path(path).suffix)
+    if writer is None:
+        raise ValueError(f"cannot save {path}: formats are {', '.join(_WRITERS)}")
+    for r in recordings:
+        if issubclass(r.port.kind, ObjectMessage):
+            raise ValueError(f"cannot save {r.port}: {r.port.kind.__name__} is an object message; save its parts")
+    with atomic(path) as temporary:
+        writer(temporary, recordings)
+
+
+def load(path: Path | str) -> dict[str, NDArray[Any]]:
+    """Read what `save` wrote: one structured array for every port, named ``module.port``.
+
+    Raises:
+        ValueError: if the file is damaged or not of this kind.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files if name != "schema"}
+    except FileNotFoundError:
+        raise
+    except Exception as error:
+        raise ValueError(f"{path} is damaged or no recording: {error}") from error

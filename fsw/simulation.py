@@ -1,0 +1,444 @@
+"""The executive: tasks of modules at fixed rates on integer nanoseconds, the same way every time."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw import loop
+from fsw.graph import Graph
+from fsw.math.compiled import COMPILE
+from fsw.module import KernelModule, Module
+from fsw.ports import OutPort
+from fsw.recorder import Recording
+from fsw.streams import stream_words
+from fsw.time import text
+from messages.base import Message, ObjectMessage
+
+M = TypeVar("M", bound="Message | ObjectMessage")
+Stop: TypeAlias = tuple[OutPort[Any], Callable[[Any], bool]]
+
+
+class ModuleError(RuntimeError):
+    """A module raised; the text names it and the simulation time, the cause is the module's own exception."""
+
+
+class StaleError(RuntimeError):
+    """An input was older than it accepts."""
+
+
+class StaleWarning(UserWarning):
+    """An input was older than it accepts, and declares that this is to be counted only."""
+
+
+class Task:
+    """Modules that run one after the other at a period.
+
+    Args:
+        name: unique name. period: ns. modules: in the order in which they run. phase: ns, time of the first run.
+    """
+
+    def __init__(self, name: str, period: int, modules: Sequence[Module], phase: int = 0) -> None:
+        self.name, self.period, self.modules, self.phase = name, period, list(modules), phase
+
+    def __repr__(self) -> str:
+        return f"Task({self.name!r})"
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """Everything a run can change, at one time; it can be pickled and restored in an equal simulation."""
+
+    t_ns: int
+    layout: tuple[Any, ...]
+    arena: NDArray[np.uint8]
+    next_ns: NDArray[np.int64]
+    cursor: NDArray[np.int64]
+    modules: list[dict[str, Any]]
+
+
+class Timing(msgspec.Struct, frozen=True):
+    """Wall time of one module (``module`` is "" for the sum of a task)."""
+
+    task: str
+    module: str
+    calls: int
+    wall_ns: int
+
+
+class Simulation:
+    """Runs tasks of modules.
+
+    Tasks due at one instant run in the order given, their modules in the order of the task. Nothing is checked or
+    compiled before the first run, so wires and recordings may be added until then (and between runs).
+
+    Attributes:
+        t_ns: all instants up to this time have run. tasks, modules, seed: as given.
+        timed: set it to measure the wall time of each module, see `timing`.
+    """
+
+    def __init__(self, tasks: Sequence[Task], seed: int = 0) -> None:
+        self.tasks, self.seed = list(tasks), seed
+        self.modules: list[Module] = [m for t in self.tasks for m in t.modules]
+        self.t_ns = 0
+        self.timed = False
+        self._arena: NDArray[np.uint8] | None = None
+        self._initial: Snapshot | None = None
+        self._ready = False
+        self._stop_requested = False
+
+    # --- building ---------------------------------------------------------------------------------------------------
+
+    def graph(self) -> Graph:
+        """The graph of modules as it is wired now: checks, tables, pictures."""
+        return Graph(self.tasks)
+
+    def rewired(self) -> None:
+        """A module's connections or recordings have changed; the tables are built again before the next run."""
+        self._ready = False
+
+    def _prepare(self) -> None:
+        if self._ready:
+            return
+        self.graph().require_sound()
+        if self._arena is None:
+            self._adopt()
+            self._initial = self.snapshot() if self._build_tables() else None
+        else:
+            self._build_tables()
+        self._ready = True
+
+    def _adopt(self) -> None:
+        """Move every module into one arena, seed the streams."""
+        rows = [m.rows() for m in self.modules]
+        sizes = [-(-r.nbytes // 16) * 16 for group in rows for r in group]
+        raw = np.zeros(sum(sizes) + 64, np.uint8)
+        start = -raw.ctypes.data % 64
+        self._arena = arena = raw[start : start + sum(sizes)]
+        offset = 0
+        for module, group in zip(self.modules, rows, strict=True):
+            moved: list[NDArray[Any]] = []
+            for row in group:
+                place = arena[offset : offset + row.nbytes].view(row.dtype)
+                place[:] = row
+                moved.append(place)
+                offset += -(-row.nbytes // 16) * 16
+            module.bind(moved)
+            module.attach(self)
+            module.seed(lambda stream, name=module.name: stream_words(self.seed, name, stream))
+
+    def _build_tables(self) -> bool:
+        """Fill the executive's tables from tasks, wires and recordings; times and cursor survive."""
+        first = self._initial is None
+        old_next = None if first else self._tasks[:, loop.NEXT].copy()
+        old_cursor = np.array([0, -1, -1, loop.BEFORE, 0, 0], np.int64) if first else self._cursor.copy()
+        n = len(self.modules)
+        self._tasks, self._slots = np.zeros((len(self.tasks), loop.WIDTHS[0]), np.int64), np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
+        checks: list[list[int]] = []
+        self._checked: list[Any] = []
+        self._recordings: list[Recording[Any]] = []
+        self._objects: list[list[Recording[Any]]] = [[] for _ in range(n)]
+        self._keep: list[NDArray[np.int64]] = []
+        self._kernels: list[KernelModule] = []
+        ends = np.cumsum([0] + [len(t.modules) for t in self.tasks])
+        for i, task in enumerate(self.tasks):
+            self._tasks[i] = [task.phase if old_next is None else old_next[i], task.period, ends[i], ends[i + 1]]
+        for j, module in enumerate(self.modules):
+            self._slots[j, [loop.CHECK, loop.RECORD]] = len(checks), len(self._recordings)
+            for port in module.inputs:
+                if port.max_age is not None and port.source is not None:
+                    checks.append([port.source.row.ctypes.data, port.max_age, port.on_stale == "error", 0])
+                    self._checked.append(port)
+            for out in module.outputs:
+                by_object = issubclass(out.kind, ObjectMessage)
+                (self._objects[j] if by_object else self._recordings).extend(out.recordings)
+            if COMPILE and isinstance(module, KernelModule):
+                self._slots[j, [loop.FUNCTION, loop.ROWS]] = self._pointers(module)
+        self._slots[n, [loop.CHECK, loop.RECORD]] = len(checks), len(self._recordings)
+        self._checks = np.array(checks, np.int64).reshape(-1, loop.WIDTHS[2])
+        self._records = np.zeros((len(self._recordings), loop.WIDTHS[3]), np.int64)
+        for entry, recording in zip(self._records, self._recordings, strict=True):
+            recording.attach(entry)
+        self._cursor = old_cursor
+        self._cursor_view = memoryview(self._cursor)
+        plain = (self._slots[:-1, loop.FUNCTION] == 0) & (np.diff(self._slots[:, loop.RECORD]) == 0)
+        plain &= np.array([not o for o in self._objects])
+        unchecked = np.diff(self._slots[:, loop.CHECK]) == 0
+        self._runs_on = [
+            bool(plain[j] and j + 1 < n and j + 1 not in ends and self._slots[j + 1, loop.FUNCTION] == 0 and unchecked[j + 1])
+            for j in range(n)
+        ]
+        self._build_control()
+        return True
+
+    def _pointers(self, module: KernelModule) -> tuple[int, int]:
+        from fsw.compiler import entry_of
+
+        entry, rows = entry_of(type(module)), module.kernel_rows()
+        pointers = entry.pointers(rows)
+        pointers[len(rows)] = pointers.ctypes.data + 8 * (len(rows) + 1)
+        self._keep.append(pointers)
+        self._kernels.append(module)
+        return entry.address, pointers.ctypes.data
+
+    def _build_control(self) -> None:
+        tables = [self._tasks, self._slots, self._checks, self._records, self._cursor.reshape(-1, 1)]
+        self._stamp = np.zeros(2, np.int64)
+        self._control = np.array(
+            [0, *(len(t) for t in tables), *(t.ctypes.data for t in tables), 0, self._stamp.ctypes.data], np.int64
+        )
+        self._control_view = memoryview(self._control)
+        if COMPILE:
+            from fsw.compiler import loop_entry
+
+            self._function, self._address = loop_entry().function, self._control.ctypes.data
+
+    def _loop(self) -> int:
+        if COMPILE:
+            return self._function(self._address, 0)
+        tables = self._tasks, self._slots, self._checks, self._records, self._cursor
+        return loop.run(int(self._control[0]), *tables, 0, 0)
+
+    # --- running ----------------------------------------------------------------------------------------------------
+
+    def run_until(self, t_ns: int, *, stop: tuple[OutPort[M], Callable[[M], bool]] | None = None) -> int:
+        """Run all instants up to and including ``t_ns``.
+
+        Args:
+            t_ns: simulation time, ns. stop: a port and a condition on its newest message, looked at whenever the
+                port's owner has run; when it is true, the run ends after that instant.
+
+        Returns:
+            The time reached, ns.
+
+        Raises:
+            GraphError: before anything runs, if the graph has faults.
+            ModuleError: if a module raises. StaleError: if an input is too old. KeyboardInterrupt: on Ctrl-C, after the
+                instant is complete; the run can go on.
+        """
+        if not isinstance(t_ns, int) or isinstance(t_ns, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TypeError(f"time is an int in ns, got {t_ns!r}; write s(10) for ten seconds")
+        if t_ns < self.t_ns:
+            raise ValueError(f"cannot run until {text(t_ns)}: the time is {text(self.t_ns)}; use restore or reset to go back")
+        self._prepare()
+        stopped = self._advance(t_ns, 2**62, stop)
+        self.t_ns = self._cursor_view[loop.INSTANT] if stopped else t_ns
+        return self.t_ns
+
+    def run_for(self, duration_ns: int, *, stop: tuple[OutPort[M], Callable[[M], bool]] | None = None) -> int:
+        """Run for a duration from `t_ns`; see `run_until`."""
+        return self.run_until(self.t_ns + duration_ns, stop=stop)
+
+    def step(self, instants: int = 1) -> int:
+        """Run the next instants at which any task is due, and return the time of the last."""
+        self._prepare()
+        self._advance(2**62, instants, None)
+        self.t_ns = self._cursor_view[loop.INSTANT]
+        return self.t_ns
+
+    def _advance(self, until: int, instants: int, stop: Stop | None) -> bool:
+        """Run; True if the stop condition or the number of instants ended it."""
+        runs_on = self._runs_on
+        if stop is not None:
+            watched = self.modules.index(stop[0].owner)
+            self._slots[watched, loop.WATCH] = 1
+            self._runs_on = [on and j != watched for j, on in enumerate(runs_on)]
+        stale_before = self._checks[:, loop.C_COUNT].copy()
+        self._control[[0, 11]] = until, _clock_address() if self.timed else 0
+        try:
+            with self._interruptible():
+                return self._drive(instants, stop)
+        finally:
+            self._runs_on = runs_on
+            self._slots[:, loop.WATCH] = 0
+            for port, count in zip(self._checked, self._checks[:, loop.C_COUNT] - stale_before, strict=True):
+                if count > 0 and port.on_stale == "warn":
+                    age = f"older than {text(port.max_age)} at {count} steps"
+                    warnings.warn(f"{port}: the message of {port.source} was {age}", StaleWarning, stacklevel=4)
+
+    def _drive(self, instants: int, stop: Stop | None) -> bool:
+        """Run in slices of some milliseconds, so that Ctrl-C is heard."""
+        cursor = self._cursor_view
+        size, left, enough = 64, instants, False
+        while True:
+            begun = cursor[loop.LEFT] = 0 if enough or self._stop_requested else min(size, left)
+            started = time.perf_counter()
+            why = self._run_slice()
+            left -= begun - cursor[loop.LEFT]
+            if why == loop.WATCHED:
+                assert stop is not None
+                message = stop[0].latest()
+                enough = enough or (message is not None and bool(stop[1](message)))
+            elif self._stop_requested:
+                self.t_ns = max(self.t_ns, cursor[loop.INSTANT])
+                raise KeyboardInterrupt
+            elif why == loop.DONE or enough or left <= 0:
+                return why != loop.DONE or enough
+            elif time.perf_counter() - started < 0.005:
+                size = min(2 * size, 1 << 20)
+            else:
+                size = max(size // 2, 1)
+
+    def _run_slice(self) -> int:
+        """Run the instants left in the cursor, Python modules included, until the loop says anything else."""
+        cursor, modules, runs_on = self._cursor_view, self.modules, self._runs_on
+        while True:
+            why = self._loop()
+            slot, t_ns = cursor[loop.SLOT], cursor[loop.INSTANT]
+            if why == loop.PYTHON:
+                try:
+                    if self.timed or self._objects[slot] or not COMPILE:
+                        self._step_watched(slot, t_ns)
+                    else:
+                        modules[slot].step(t_ns)
+                        while runs_on[slot]:
+                            slot += 1
+                            modules[slot].step(t_ns)
+                except BaseException as error:
+                    cursor[loop.SLOT], cursor[loop.PHASE] = slot, loop.BEFORE
+                    if isinstance(error, Exception):
+                        raise self._module_error(modules[slot], t_ns, error) from error
+                    raise
+                cursor[loop.SLOT] = slot
+            elif why == loop.FULL:
+                self._recordings[self._slots[slot, loop.RECORD] + cursor[loop.ITEM]].grow()
+            elif why == loop.FAILED:
+                self._explain(modules[slot], t_ns)
+            elif why == loop.STALE:
+                port = self._checked[self._slots[slot, loop.CHECK] + cursor[loop.ITEM]]
+                cursor[loop.ITEM] = 0
+                age = f"{text(t_ns - port.t_ns)} old at t = {text(t_ns)}, accepted are {text(port.max_age)}"
+                raise StaleError(f"{port}: the message of {port.source} is {age}")
+            else:
+                return why
+
+    def _step_watched(self, slot: int, t_ns: int) -> None:
+        """Step one Python module with all that can be asked for: timing, object recordings, uncompiled kernels."""
+        module = self.modules[slot]
+        started = time.perf_counter_ns()
+        if isinstance(module, KernelModule):
+            module.step_uncompiled(t_ns)
+        else:
+            module.step(t_ns)
+        self._slots[slot, loop.WALL] += time.perf_counter_ns() - started
+        self._slots[slot, loop.CALLS] += 1
+        for recording in self._objects[slot]:
+            recording.keep_object(t_ns)
+
+    def _module_error(self, module: Module, t_ns: int, error: Exception) -> ModuleError:
+        what = f"{type(module).__name__} {module.name!r} failed at t = {text(t_ns)}"
+        return ModuleError(f"{what}: {type(error).__name__}: {error}")
+
+    def _explain(self, module: Module, t_ns: int) -> None:
+        """Raise what a failed kernel raised: put back the rows it had written and run it again uncompiled."""
+        from fsw.compiler import entry_of, written_rows
+
+        assert isinstance(module, KernelModule)
+        rows = written_rows(type(module), module.kernel_rows())
+        saved: list[bytes] = [r.tobytes() for r in rows]
+        if entry_of(type(module)).backup:
+            pointers = self._keep[self._kernels.index(module)]
+            spare, offset = pointers[len(module.kernel_rows()) + 1 :].tobytes(), 0
+            for i, row in enumerate(rows):
+                saved[i] = spare[offset : offset + row.nbytes]
+                offset += row.nbytes
+        _put(rows, saved)
+        try:
+            module.step_uncompiled(t_ns)
+        except Exception as error:
+            raise self._module_error(module, t_ns, error) from error
+        finally:
+            _put(rows, saved)
+        raise self._module_error(module, t_ns, RuntimeError("raised when compiled, but not when run as plain Python"))
+
+    @contextmanager
+    def _interruptible(self) -> Generator[None]:
+        """Turn the first Ctrl-C into a request to stop after the instant; a second one interrupts at once."""
+        self._stop_requested = False
+        ours = threading.current_thread() is threading.main_thread()
+        if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+            yield
+            return
+
+        def request(number: int, frame: Any) -> None:
+            if self._stop_requested:
+                raise KeyboardInterrupt
+            self._stop_requested = True
+
+        signal.signal(signal.SIGINT, request)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    # --- state of the run -------------------------------------------------------------------------------------------
+
+    def _layout(self) -> tuple[Any, ...]:
+        tasks = tuple((t.name, t.period, t.phase) for t in self.tasks)
+        return tasks, tuple((m.name, type(m).__qualname__, *(str(r.dtype) for r in m.rows())) for m in self.modules)
+
+    def snapshot(self) -> Snapshot:
+        """A copy of everything that a run can change; continuing from it is bit-identical."""
+        if self._arena is None:
+            self._prepare()
+        assert self._arena is not None
+        tasks, cursor = self._tasks[:, loop.NEXT].copy(), self._cursor.copy()
+        return Snapshot(self.t_ns, self._layout(), self._arena.copy(), tasks, cursor, [m.saved() for m in self.modules])
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go (back) to a snapshot; recordings forget what came after it.
+
+        Raises:
+            ValueError: if the snapshot is of a simulation with other tasks, modules or message layouts.
+        """
+        self._prepare()
+        if snapshot.layout != self._layout():
+            raise ValueError("the snapshot is of another simulation: tasks, modules or row layouts differ")
+        assert self._arena is not None
+        self._arena[:] = snapshot.arena
+        self._tasks[:, loop.NEXT], self._cursor[:] = snapshot.next_ns, snapshot.cursor
+        self.t_ns = snapshot.t_ns
+        for module, saved in zip(self.modules, snapshot.modules, strict=True):
+            module.load(saved)
+        started = snapshot.cursor[loop.TASK] >= 0 or not np.array_equal(snapshot.next_ns, [t.phase for t in self.tasks])
+        for recording in [r for m in self.modules for p in m.outputs for r in p.recordings]:
+            recording.truncate(snapshot.t_ns if started else -1)
+
+    def reset(self) -> None:
+        """Go back to time zero: parameters, states, messages, random streams and recordings as before the first run."""
+        if self._initial is not None:
+            self.restore(self._initial)
+
+    def timing(self) -> list[Timing]:
+        """Wall time of each task and module since the start, as far as `timed` was set."""
+        found: list[Timing] = []
+        slot = 0
+        for task in self.tasks:
+            rows = self._slots[slot : slot + len(task.modules)]
+            slot += len(task.modules)
+            calls, wall = rows[:, loop.CALLS], rows[:, loop.WALL]
+            found.append(Timing(task.name, "", int(calls.max(initial=0)), int(wall.sum())))
+            found += [Timing(task.name, m.name, int(c), int(w)) for m, c, w in zip(task.modules, calls, wall, strict=True)]
+        return found
+
+
+def _put(rows: list[NDArray[Any]], saved: list[bytes]) -> None:
+    for row, data in zip(rows, saved, strict=True):
+        row.view(np.uint8)[:] = np.frombuffer(data, np.uint8)
+
+
+def _clock_address() -> int:
+    """Address of C's clock_gettime, or 0 where there is none (then only Python modules are timed)."""
+    try:
+        return ctypes.cast(ctypes.CDLL(None).clock_gettime, ctypes.c_void_p).value or 0
+    except (AttributeError, OSError, TypeError):
+        return 0
