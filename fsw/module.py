@@ -50,7 +50,7 @@ class Module:
     def __init_subclass__(cls) -> None:
         """Collect the ports, and refuse to derive from a concrete module."""
         for base in cls.__bases__:
-            if issubclass(base, Module) and base not in (Module, KernelModule):
+            if issubclass(base, Module) and base.__module__ != __name__:
                 raise TypeError(f"{cls.__name__}: {base.__name__} is final; to vary a module, wrap it or write another")
         cls.ports = {n: v for n, v in vars(cls).items() if isinstance(v, (In, Out))}
 
