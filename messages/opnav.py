@@ -1,0 +1,70 @@
+"""Messages of optical navigation: images, cameras, landmarks, poses."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from messages.base import F64, Bound, Mat6, Message, NanOk, ObjectMessage, Shape, Vec2, Vec3, Vec4, eye, zeros
+
+MAX_LANDMARKS = 1024
+"""Capacity of `LandmarksMsg`."""
+
+
+class CameraImageMsg(ObjectMessage):
+    """An image and the time at the middle of its exposure."""
+
+    image: Annotated[NDArray[np.uint8], "-", "grey (H, W) or colour (H, W, 3) in the order red, green, blue"]
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    label: Annotated[str, "-", "where the image comes from, such as a file name"] = ""
+
+
+class CameraConfigMsg(Message):
+    """A pinhole camera with Brown-Conrady distortion, and how it is mounted on the body."""
+
+    width_px: Annotated[int, "px", "columns", Bound(gt=0)]
+    height_px: Annotated[int, "px", "rows", Bound(gt=0)]
+    focal_px: Annotated[Vec2, "px", "focal length along x and y", Bound(gt=0)]
+    center_px: Annotated[Vec2, "px", "principal point; the middle of the first pixel is (0, 0)"]
+    skew_px: Annotated[float, "px", "skew of the pixel axes"] = 0.0
+    distortion: Annotated[F64, Shape(5), "-", "k1, k2, p1, p2, k3 of Brown (1971), in OpenCV's order"] = zeros(5)
+    dcm_CB: Annotated[F64, Shape(3, 3), "-", "maps body to camera components"] = eye(3)
+
+
+class PosePriorMsg(Message):
+    """Where the camera is expected to be at the exposure of an image."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    r_CE_E: Annotated[Vec3, "m", "position of the camera relative to the Earth's centre, Earth-fixed"]
+    beta_CE: Annotated[Vec4, "-", "attitude of the camera relative to E, Euler parameters, scalar first"]
+    P_pose: Annotated[Mat6, "m^2, m*rad, rad^2", "covariance of position (E) and attitude error (C)"]
+
+
+class LandmarksMsg(Message):
+    """Points of the ground found in an image; only the first ``count`` entries mean anything, and the rest is NaN."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    count: Annotated[int, "-", "landmarks found", Bound(ge=0, le=MAX_LANDMARKS)]
+    candidates: Annotated[int, "-", "places looked at that had a match of their own, before the consensus", Bound(ge=0)]
+    cells: Annotated[int, "-", "of a grid of 6 x 4 over the image, those with a landmark", Bound(ge=0, le=24)]
+    r_LE_E: Annotated[F64, Shape(MAX_LANDMARKS, 3), "m", "position of each landmark, Earth-fixed", NanOk()]
+    pixel_px: Annotated[F64, Shape(MAX_LANDMARKS, 2), "px", "where it was seen (column, row), distorted", NanOk()]
+    sigma_px: Annotated[F64, Shape(MAX_LANDMARKS), "px", "standard deviation of each coordinate", NanOk()]
+    score: Annotated[F64, Shape(MAX_LANDMARKS), "-", "normalised correlation at the match", NanOk()]
+
+
+class PoseFixMsg(Message):
+    """Position and attitude of the camera from one image. If not ``valid``, the numbers are not to be used."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    valid: Annotated[bool, "-", "the fix passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    inliers: Annotated[int, "-", "landmarks used", Bound(ge=0)]
+    candidates: Annotated[int, "-", "landmarks looked at before the consensus", Bound(ge=0)]
+    cells: Annotated[int, "-", "of a grid of 6 x 4 over the image, those with an inlier", Bound(ge=0, le=24)]
+    rms_px: Annotated[float, "px", "root mean square residual of the inliers, two-dimensional", NanOk()]
+    r_CE_E: Annotated[Vec3, "m", "position of the camera relative to the Earth's centre, Earth-fixed", NanOk()]
+    beta_CE: Annotated[Vec4, "-", "attitude of the camera relative to E, Euler parameters, scalar first", NanOk()]
+    P_pose: Annotated[Mat6, "m^2, m*rad, rad^2", "covariance of position (E) and attitude error (C)", NanOk()]
