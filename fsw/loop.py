@@ -110,7 +110,7 @@ def run(until: int, tasks: Any, slots: Any, checks: Any, records: Any, cursor: A
                                 records[r, R_FIRST] = 0
                             records[r, R_SEQ] = seq
                             if records[r, R_EVERY] > 0:
-                                records[r, R_DUE] = t + records[r, R_EVERY]
+                                records[r, R_DUE] = (t // records[r, R_EVERY] + 1) * records[r, R_EVERY]
                     cursor[ITEM] = 0
                     cursor[PHASE] = BEFORE
                     cursor[SLOT] = slot + 1

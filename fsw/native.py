@@ -89,15 +89,15 @@ else:
 
     def peek(address: int) -> int:
         """The 64-bit integer at an address."""
-        return ctypes.c_int64.from_address(address).value
+        return ctypes.c_int64.from_address(int(address)).value
 
     def poke(address: int, value: int) -> None:
         """Store a 64-bit integer at an address."""
-        ctypes.c_int64.from_address(address).value = value
+        ctypes.c_int64.from_address(int(address)).value = value
 
     def move(target: int, source: int, size: int) -> None:
         """Copy ``size`` bytes between addresses that do not overlap."""
-        ctypes.memmove(target, source, size)
+        ctypes.memmove(int(target), int(source), int(size))
 
     def call(function: int, a: int, b: int) -> int:
         """Call the C function ``int32 f(int64, int64)`` at an address."""

@@ -41,12 +41,16 @@ class Recording(Generic[M]):
         self._start_entry()
 
     def _start_entry(self) -> None:
+        """Bookkeeping for what comes after the full chunks."""
+        self.entry[[loop.R_BUFFER, loop.R_CAPACITY, loop.R_COUNT]] = 0
         last = self.last_row
         self.entry[loop.R_SIZE], self.entry[loop.R_SEQ] = self.size, self.port.seq
         self.entry[loop.R_EVERY], self.entry[loop.R_CHANGE] = self.every, self.on_change
-        self.entry[loop.R_DUE] = 0 if last is None else last["t_ns"][0] + self.every
+        self.entry[loop.R_DUE] = 0 if last is None else self._next_due(last["t_ns"][0])
         self.entry[loop.R_FIRST] = last is None
-        self.entry[[loop.R_BUFFER, loop.R_CAPACITY, loop.R_COUNT]] = 0
+
+    def _next_due(self, t_ns: int) -> int:
+        return (t_ns // self.every + 1) * self.every if self.every else 0
 
     def attach(self, entry: NDArray[np.int64]) -> None:
         """Move the bookkeeping into a row of the executive's table."""
@@ -71,7 +75,7 @@ class Recording(Generic[M]):
         entry, held = self.entry, self.port.held()
         if held is None or entry[loop.R_SEQ] == self.port.seq or t_ns < entry[loop.R_DUE]:
             return
-        entry[loop.R_SEQ], entry[loop.R_DUE] = self.port.seq, t_ns + self.every
+        entry[loop.R_SEQ], entry[loop.R_DUE] = self.port.seq, self._next_due(t_ns)
         if not (self.on_change and self._objects and self._objects[-1] is held):
             self._full.append(self.port.row.copy())
             self._objects.append(held)
