@@ -34,20 +34,18 @@ class Recording(Generic[M]):
             raise ValueError(f"recording of {port}: every must be positive (ns), got {every}")
         self.port, self.every, self.on_change = port, every or 0, on_change
         self.size = port.row.dtype.itemsize
-        self._full: list[NDArray[Any]] = []
-        self._objects: list[M] = []
-        self._chunk = np.zeros(0, port.row.dtype)
         self.entry: NDArray[np.int64] = np.zeros(loop.WIDTHS[3], np.int64)
-        self._start_entry()
+        self._chunks: list[NDArray[Any]] = []  # row 0 of each repeats the last row of the one before
+        self._spare: list[NDArray[Any]] = []
+        self._objects: list[tuple[NDArray[Any], M]] = []
+        self._resume()
 
-    def _start_entry(self) -> None:
-        """Bookkeeping for what comes after the full chunks."""
-        self.entry[[loop.R_BUFFER, loop.R_CAPACITY, loop.R_COUNT]] = 0
-        last = self.last_row
-        self.entry[loop.R_SIZE], self.entry[loop.R_SEQ] = self.size, self.port.seq
-        self.entry[loop.R_EVERY], self.entry[loop.R_CHANGE] = self.every, self.on_change
-        self.entry[loop.R_DUE] = 0 if last is None else self._next_due(last["t_ns"][0])
-        self.entry[loop.R_FIRST] = last is None
+    def _resume(self) -> None:
+        """Bookkeeping for what comes after the rows there are."""
+        last, entry = self.last_row, self.entry
+        entry[[loop.R_SIZE, loop.R_SEQ, loop.R_EVERY, loop.R_CHANGE]] = self.size, self.port.seq, self.every, self.on_change
+        entry[loop.R_DUE] = 0 if last is None else self._next_due(int(last["t_ns"][0]))
+        entry[loop.R_FIRST] = last is None
 
     def _next_due(self, t_ns: int) -> int:
         return (t_ns // self.every + 1) * self.every if self.every else 0
@@ -59,16 +57,20 @@ class Recording(Generic[M]):
         self.entry = entry
 
     def grow(self) -> None:
-        """Start a new chunk, twice the last one's size; its row 0 repeats the last row recorded."""
+        """Start a new chunk: one that was used before, or one twice as large as the last."""
         last = self.last_row
-        if len(self._chunk):
-            self._full.append(self._chunk[1:])
-        rows = min(max(_FIRST_BYTES, 2 * self._chunk.nbytes), _LARGEST_BYTES) // self.size + 2
-        self._chunk = np.empty(rows, self.port.row.dtype)
+        largest = self._chunks[-1].nbytes if self._chunks else _FIRST_BYTES // 2
+        rows = min(2 * largest, _LARGEST_BYTES) // self.size + 2
+        chunk = self._spare.pop() if self._spare else np.empty(rows, self.port.row.dtype)
         if last is not None:
-            self._chunk[0] = last[0]
-        self.entry[loop.R_BUFFER] = self._chunk.ctypes.data + self.size
-        self.entry[loop.R_CAPACITY], self.entry[loop.R_COUNT] = rows - 1, 0
+            chunk[0] = last[0]
+        self._chunks.append(chunk)
+        self._fill(0)
+
+    def _fill(self, count: int) -> None:
+        """Let the executive write on behind the first ``count`` rows of the last chunk."""
+        chunk, columns = self._chunks[-1], [loop.R_BUFFER, loop.R_CAPACITY, loop.R_COUNT]
+        self.entry[columns] = chunk.ctypes.data + self.size, len(chunk) - 1, count
 
     def keep_object(self, t_ns: int) -> None:
         """Record an object port, as the executive does with rows."""
@@ -76,17 +78,21 @@ class Recording(Generic[M]):
         if held is None or entry[loop.R_SEQ] == self.port.seq or t_ns < entry[loop.R_DUE]:
             return
         entry[loop.R_SEQ], entry[loop.R_DUE] = self.port.seq, self._next_due(t_ns)
-        if not (self.on_change and self._objects and self._objects[-1] is held):
-            self._full.append(self.port.row.copy())
-            self._objects.append(held)
+        if not (self.on_change and self._objects and self._objects[-1][1] is held):
+            self._objects.append((self.port.row.copy(), held))
 
     def truncate(self, t_ns: int) -> None:
-        """Forget everything written after ``t_ns``, or all with -1."""
-        rows = self.rows()
-        rows = rows[: np.searchsorted(rows["t_ns"], t_ns, side="right")]
-        self._objects = self._objects[: len(rows)]
-        self._full, self._chunk = ([rows] if len(rows) else []), np.zeros(0, rows.dtype)
-        self._start_entry()
+        """Forget everything written after ``t_ns``, or all with -1; its memory is used again."""
+        left = int(np.searchsorted(self.t_ns, t_ns, side="right"))
+        self._objects = self._objects[:left]
+        while self._chunks and left <= len(self) - self.count:
+            self._spare.append(self._chunks.pop())
+            self.entry[[loop.R_CAPACITY, loop.R_COUNT]] = 0
+            if self._chunks:
+                self._fill(len(self._chunks[-1]) - 1)
+        if self._chunks:
+            self._fill(left - len(self) + self.count)
+        self._resume()
 
     @property
     def count(self) -> int:
@@ -95,14 +101,16 @@ class Recording(Generic[M]):
 
     def rows(self) -> NDArray[Any]:
         """All rows as one structured array, header included."""
-        return np.concatenate([np.zeros(0, self._chunk.dtype), *self._full, self._chunk[1 : self.count + 1]])
+        parts = [row for row, _ in self._objects] + [c[1:] for c in self._chunks[:-1]]
+        parts += [c[1 : self.count + 1] for c in self._chunks[-1:]]
+        return np.concatenate([np.zeros(0, self.port.row.dtype), *parts])
 
     @property
     def last_row(self) -> NDArray[Any] | None:
         """The newest row as an array of one, or None."""
-        if self.count:
-            return self._chunk[self.count : self.count + 1]
-        return self._full[-1][-1:] if self._full else None
+        if self._objects:
+            return self._objects[-1][0]
+        return self._chunks[-1][self.count : self.count + 1] if len(self) else None
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
@@ -117,19 +125,19 @@ class Recording(Generic[M]):
     @property
     def objects(self) -> list[M]:
         """The recorded messages of an object port."""
-        return list(self._objects)
+        return [held for _, held in self._objects]
 
     def __getitem__(self, field: str) -> NDArray[Any]:
         """All values of a field, (n, *shape of the field)."""
         if issubclass(self.port.kind, ObjectMessage):
-            return np.array([getattr(o, field) for o in self._objects], dtype=object)
+            return np.array([getattr(o, field) for o in self.objects], dtype=object)
         names = [n for n in self.port.row.dtype.names or () if n not in ("t_ns", "seq")]
         if field not in names:
             raise KeyError(f"{self.port} has no field {field!r}; it has {', '.join(names)}")
         return self.rows()[field]
 
     def __len__(self) -> int:
-        return sum(map(len, self._full)) + self.count
+        return len(self._objects) + sum(len(c) - 1 for c in self._chunks[:-1]) + self.count
 
     def __repr__(self) -> str:
         return f"Recording({self.port}, {len(self)} rows)"
