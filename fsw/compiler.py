@@ -44,27 +44,28 @@ class Entry:
     """A compiled C function ``int32 f(int64, int64)``; 0 means that all went well.
 
     Attributes:
-        address: of the function. backup: bytes that it needs to save state and outputs, 0 if it cannot raise.
-        from_cache: it was found on disk.
+        function: to call from Python. address: of it. from_cache: it was found on disk.
+        saved: indices of the rows that it saves before it writes them; none if it cannot raise.
     """
 
-    def __init__(self, cfunc: Any, backup: int, from_cache: bool) -> None:
+    def __init__(self, cfunc: Any, from_cache: bool, saved: tuple[int, ...]) -> None:
         self._keep = cfunc
         self.address: int = cfunc.address
         self.function = _C_FUNCTION(self.address)
-        self.backup, self.from_cache = backup, from_cache
+        self.from_cache, self.saved = from_cache, saved
 
     def pointers(self, rows: list[NDArray[Any]]) -> NDArray[np.int64]:
-        """The row addresses that the function takes, with a backup area behind them."""
-        spare = np.zeros(self.backup // 8, np.int64)
-        return np.array([*(r.ctypes.data for r in rows), spare.ctypes.data, *spare], np.int64)
+        """What the function takes as its second argument: the addresses of the rows and of the space behind them."""
+        n = len(rows)
+        table = np.zeros(n + 1 + sum(rows[i].nbytes for i in self.saved) // 8, np.int64)
+        table[: n + 1] = [*(r.ctypes.data for r in rows), table.ctypes.data + 8 * (n + 1)]
+        return table
 
-    def call(self, t_ns: int, rows: list[NDArray[Any]]) -> None:
-        """Run once on the given rows, which must stay alive meanwhile."""
-        pointers = self.pointers(rows)
-        pointers[len(rows)] = pointers.ctypes.data + 8 * (len(rows) + 1)
-        if self.function(t_ns, pointers.ctypes.data) != 0:
-            raise RuntimeError(f"the kernel raised at t = {t_ns} ns")
+    def undo(self, pointers: NDArray[np.int64], rows: list[NDArray[Any]]) -> None:
+        """Put back what the rows held before a call that failed."""
+        space = pointers[len(rows) + 1 :].view(np.uint8)
+        for i in self.saved:
+            rows[i].view(np.uint8)[:], space = space[: rows[i].nbytes], space[rows[i].nbytes :]
 
 
 def cache_folder() -> Path:
@@ -83,25 +84,18 @@ def entry_of(cls: type[KernelModule]) -> Entry:
     if cls not in _entries:
         kinds = [cls.Params, cls.State, *(cls.ports[n].kind for n in cls.kernel_ports)]
         dtypes = [dtype_of(k) for k in kinds]
-        written = [1, *(i + 2 for i, n in enumerate(cls.kernel_ports) if isinstance(cls.ports[n], Out))]
-        backup = sum(dtypes[i].itemsize for i in written) if can_raise(cls.kernel) else 0
-        n = len(dtypes)
+        saved: tuple[int, ...] = ()
         lines = ["def entry(t_ns, rows):"]
-        lines += [f"    a{i} = peek(rows + {8 * i})" for i in range(n)]
-        if backup:
-            lines.append(f"    spare = peek(rows + {8 * n})")
-            for i in written:
-                lines.append(f"    move(spare, a{i}, {dtypes[i].itemsize}); spare += {dtypes[i].itemsize}")
-        arguments = ", ".join(f"row_at(a{i}, R{i})" for i in range(n))
+        lines += [f"    a{i} = peek(rows + {8 * i})" for i in range(len(dtypes))]
+        if can_raise(cls.kernel):
+            saved = (1, *(i + 2 for i, n in enumerate(cls.kernel_ports) if isinstance(cls.ports[n], Out)))
+            lines.append(f"    space = peek(rows + {8 * len(dtypes)})")
+            lines += [f"    move(space, a{i}, {dtypes[i].itemsize}); space += {dtypes[i].itemsize}" for i in saved]
+        arguments = ", ".join(f"row_at(a{i}, R{i})" for i in range(len(dtypes)))
         lines += ["    try:", f"        kernel(t_ns, {arguments})", "    except Exception:", "        return 1", "    return 0"]
-        reach = {"kernel": cls.kernel}
-        _entries[cls] = _build(f"{cls.__module__}.{cls.__qualname__}", "\n".join(lines), reach, dtypes, backup)
+        made, from_cache = _build(f"{cls.__module__}.{cls.__qualname__}", "\n".join(lines), {"kernel": cls.kernel}, dtypes)
+        _entries[cls] = Entry(made, from_cache, saved)
     return _entries[cls]
-
-
-def written_rows(cls: type[KernelModule], rows: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """Of the rows that a kernel works on, those it may write: what `Entry.backup` holds."""
-    return [rows[1], *(rows[i + 2] for i, n in enumerate(cls.kernel_ports) if isinstance(cls.ports[n], Out))]
 
 
 def loop_entry() -> Entry:
@@ -110,7 +104,7 @@ def loop_entry() -> Entry:
         tables = "\n".join(f"    t{i} = table_at(peek(c + {48 + 8 * i}), peek(c + {8 + 8 * i}), {w})" for i, w in enumerate((*loop.WIDTHS, 1)))
         source = f"def entry(c, unused):\n{tables}\n    cursor = t4[:, 0]\n"
         source += "    return run(peek(c), t0, t1, t2, t3, cursor, peek(c + 88), peek(c + 96))"
-        _entries[loop] = _build("fsw.loop.run", source, {"run": loop.run}, [], 0)
+        _entries[loop] = Entry(*_build("fsw.loop.run", source, {"run": loop.run}, []), ())
     return _entries[loop]
 
 
@@ -191,13 +185,14 @@ def digest(source: str, reach: dict[str, Any], dtypes: list[np.dtype[Any]]) -> s
     return key.hexdigest()[:24]
 
 
-def _build(name: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[Any]], backup: int) -> Entry:
+def _build(name: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[Any]]) -> tuple[Any, bool]:
+    """The compiled wrapper and whether it was found on disk."""
     key = digest(source, reach, dtypes)
     folder = cache_folder() / f"{name.rpartition('.')[2]}-{key}"
     if folder.is_dir():
         if _intact(folder):
             try:
-                return Entry(_compile(folder, key, source, reach, dtypes, save=True), backup, True)
+                return _compile(folder, key, source, reach, dtypes, save=True), True
             except Exception as error:  # whatever an unreadable entry raises, the remedy is the same
                 reason = repr(error)
         else:
@@ -219,7 +214,7 @@ def _build(name: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[
         text = f"compile cache: cannot write {cache_folder()} ({error}); kernels are compiled again at the next start"
         warnings.warn(text, CacheWarning, stacklevel=4)
         made = _compile(folder, key, source, reach, dtypes, save=False)
-    return Entry(made, backup, False)
+    return made, False
 
 
 def _sum(file: Path) -> str:

@@ -223,14 +223,24 @@ class KernelModule(Module):
         if COMPILE:
             from fsw.compiler import entry_of
 
-            entry_of(type(self)).call(t_ns, self.kernel_rows())
-        else:
-            self.step_uncompiled(t_ns)
+            entry, rows = entry_of(type(self)), self.kernel_rows()
+            pointers = entry.pointers(rows)
+            if entry.function(t_ns, pointers.ctypes.data) == 0:
+                return
+            entry.undo(pointers, rows)
+        self.step_uncompiled(t_ns)
 
     def step_uncompiled(self, t_ns: int) -> None:
-        """One step as plain Python."""
-        with np.errstate(all="ignore"):
-            type(self).kernel(t_ns, *[row.view(np.recarray)[0] for row in self.kernel_rows()])
+        """One step as plain Python. If it raises, all rows are as before."""
+        rows = self.kernel_rows()
+        before = [row.copy() for row in rows]
+        try:
+            with np.errstate(all="ignore"):
+                type(self).kernel(t_ns, *[row.view(np.recarray)[0] for row in rows])
+        except BaseException:
+            for row, old in zip(rows, before, strict=True):
+                row[:] = old
+            raise
 
     def seed(self, stream: Callable[[str], NDArray[np.uint64]]) -> None:
         """Seed every `Stream` field of the state."""

@@ -189,10 +189,9 @@ def load(path: Path | str) -> dict[str, NDArray[Any]]:
     Raises:
         ValueError: if the file is damaged or not of this kind.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
+    with open(path, "rb") as file:
+        try:
+            archive = np.load(file, allow_pickle=False)
             return {name: archive[name] for name in archive.files if name != "schema"}
-    except FileNotFoundError:
-        raise
-    except Exception as error:
-        raise ValueError(f"{path} is damaged or no recording: {error}") from error
+        except Exception as error:
+            raise ValueError(f"{path} is damaged or no recording: {error}") from error

@@ -147,8 +147,7 @@ class Simulation:
         self._checked: list[Any] = []
         self._recordings: list[Recording[Any]] = []
         self._objects: list[list[Recording[Any]]] = [[] for _ in range(n)]
-        self._keep: list[NDArray[np.int64]] = []
-        self._kernels: list[KernelModule] = []
+        self._pointers_of: dict[Module, NDArray[np.int64]] = {}
         ends = np.cumsum([0] + [len(t.modules) for t in self.tasks])
         for i, task in enumerate(self.tasks):
             self._tasks[i] = [task.phase if old_next is None else old_next[i], task.period, ends[i], ends[i + 1]]
@@ -183,11 +182,8 @@ class Simulation:
     def _pointers(self, module: KernelModule) -> tuple[int, int]:
         from fsw.compiler import entry_of
 
-        entry, rows = entry_of(type(module)), module.kernel_rows()
-        pointers = entry.pointers(rows)
-        pointers[len(rows)] = pointers.ctypes.data + 8 * (len(rows) + 1)
-        self._keep.append(pointers)
-        self._kernels.append(module)
+        entry = entry_of(type(module))
+        self._pointers_of[module] = pointers = entry.pointers(module.kernel_rows())
         return entry.address, pointers.ctypes.data
 
     def _build_control(self) -> None:
@@ -340,24 +336,14 @@ class Simulation:
 
     def _explain(self, module: Module, t_ns: int) -> None:
         """Raise what a failed kernel raised: put back the rows it had written and run it again uncompiled."""
-        from fsw.compiler import entry_of, written_rows
+        from fsw.compiler import entry_of
 
         assert isinstance(module, KernelModule)
-        rows = written_rows(type(module), module.kernel_rows())
-        saved: list[bytes] = [r.tobytes() for r in rows]
-        if entry_of(type(module)).backup:
-            pointers = self._keep[self._kernels.index(module)]
-            spare, offset = pointers[len(module.kernel_rows()) + 1 :].tobytes(), 0
-            for i, row in enumerate(rows):
-                saved[i] = spare[offset : offset + row.nbytes]
-                offset += row.nbytes
-        _put(rows, saved)
+        entry_of(type(module)).undo(self._pointers_of[module], module.kernel_rows())
         try:
             module.step_uncompiled(t_ns)
         except Exception as error:
             raise self._module_error(module, t_ns, error) from error
-        finally:
-            _put(rows, saved)
         raise self._module_error(module, t_ns, RuntimeError("raised when compiled, but not when run as plain Python"))
 
     @contextmanager
@@ -373,6 +359,7 @@ class Simulation:
             if self._stop_requested:
                 raise KeyboardInterrupt
             self._stop_requested = True
+            self._cursor_view[loop.LEFT] = 0
 
         signal.signal(signal.SIGINT, request)
         try:
@@ -429,11 +416,6 @@ class Simulation:
             found.append(Timing(task.name, "", int(calls.max(initial=0)), int(wall.sum())))
             found += [Timing(task.name, m.name, int(c), int(w)) for m, c, w in zip(task.modules, calls, wall, strict=True)]
         return found
-
-
-def _put(rows: list[NDArray[Any]], saved: list[bytes]) -> None:
-    for row, data in zip(rows, saved, strict=True):
-        row.view(np.uint8)[:] = np.frombuffer(data, np.uint8)
 
 
 def _clock_address() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from messages.base import F64, Bound, Mat3, Message, NanOk, Shape, Vec3, eye
+from messages.base import F64, Bound, Message, NanOk, Shape, Vec2, Vec3
 
 
 class PhotoTimeMsg(Message):
@@ -16,13 +16,6 @@ class PhotoTimeMsg(Message):
     sigma_s: Annotated[float, "s", "standard deviation of exposure_ns", Bound(ge=0)]
     attempt: Annotated[int, "-", "how often this photo was tried before without success", Bound(ge=0)] = 0
     last: Annotated[bool, "-", "no other photo of this round follows"] = False
-
-
-class MountingMsg(Message):
-    """How the camera sits on the station: the attitude of the camera in the orbit frame."""
-
-    dcm_CO: Annotated[Mat3, "-", "maps orbit-frame to camera components"] = eye(3)
-    sigma_rad: Annotated[Vec3, "rad", "standard deviation of small rotations about the camera's axes", Bound(gt=0)]
 
 
 class OrbitClockMsg(Message):
@@ -39,11 +32,13 @@ class OrbitClockMsg(Message):
     P: Annotated[F64, Shape(6, 6), "m, m/s, s, -", "covariance of offset_H, rate_T, clock_s, clock_rate"]
 
 
-class LensCovarianceMsg(Message):
-    """How well the lens is known."""
+class CameraAccuracyMsg(Message):
+    """How well lens and mounting are known; never written while the mounting is unknown."""
 
-    sigma_focal_px: Annotated[float, "px", "standard deviation of the focal length", Bound(ge=0)]
-    sigma_center_px: Annotated[float, "px", "standard deviation of each coordinate of the principal point", Bound(ge=0)]
-    sigma_distortion: Annotated[F64, Shape(5), "-", "standard deviations of k1, k2, p1, p2, k3", Bound(ge=0)]
     photos: Annotated[int, "-", "photos that went into the calibration", Bound(ge=0)]
-    rms_px: Annotated[float, "px", "root mean square residual of the calibration", NanOk()]
+    rms_px: Annotated[float, "px", "root mean square residual of the calibration, two-dimensional", NanOk()]
+    sigma_focal_px: Annotated[float, "px", "standard deviation of the focal length", Bound(ge=0)]
+    sigma_center_px: Annotated[Vec2, "px", "standard deviation of the principal point", Bound(ge=0)]
+    sigma_distortion: Annotated[F64, Shape(5), "-", "standard deviations of k1, k2, p1, p2, k3", Bound(ge=0)]
+    sigma_mounting: Annotated[Vec3, "rad", "of one photo's attitude relative to the mounting, about C", Bound(gt=0)]
+    sigma_common_H: Annotated[Vec3, "m", "error that all fixes share: radial, along track, normal", Bound(ge=0)]

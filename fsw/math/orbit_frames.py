@@ -63,30 +63,11 @@ def dcm_hill(r: F64, v: F64, out: F64) -> None:
 
 
 @compiled
-def gmst_1982(ut1_jd: float, ut1_fraction: float) -> float:
-    """Greenwich mean sidereal time of the IAU 1982 model, which is the one SGP4's frame TEME goes with.
-
-    Args:
-        ut1_jd: Julian date, UT1. ut1_fraction: the part of a day to add to it.
-
-    Returns:
-        Angle in [0, 2 pi), rad (Vallado, Crawford, Hujsak, Kelso, 2006, appendix C; Aoki et al., 1982).
-    """
-    days = (ut1_jd - 2451545.0) + ut1_fraction
-    t = days / 36525.0
-    day_fraction = math.fmod(math.fmod(ut1_jd, 1.0) + ut1_fraction - 0.5, 1.0)
-    seconds = 67310.54841 - 43200.0 + (8640184.812866 + (0.093104 - 6.2e-6 * t) * t) * t
-    angle = (math.fmod(seconds, 86400.0) / 86400.0 + day_fraction) * 2.0 * math.pi
-    angle = math.fmod(angle, 2.0 * math.pi)
-    return angle + 2.0 * math.pi if angle < 0.0 else angle
-
-
-@compiled
 def dcm_earth_teme(gmst: float, polar_x: float, polar_y: float, out: F64) -> None:
     """From SGP4's frame TEME to the Earth-fixed frame E.
 
     Args:
-        gmst: Greenwich mean sidereal time 1982, rad.
+        gmst: Greenwich mean sidereal time of the IAU 1982 model (the one TEME goes with), rad.
         polar_x, polar_y: pole coordinates, arc seconds; left at 0, a point of low Earth orbit moves by at most 20 m.
         out: (3, 3) written: dcm_E_TEME = polar motion times rotation about z by gmst (Vallado et al., 2006, eq. C-1).
     """

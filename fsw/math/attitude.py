@@ -1,0 +1,211 @@
+"""Attitude: Euler parameters, modified Rodrigues parameters (MRP), direction cosine matrices, rotation vectors.
+
+All describe frame B relative to frame N: ``dcm_BN`` takes components in N to components in B. Euler parameters
+``beta`` have the scalar first; those that functions return have a scalar >= 0. An MRP ``sigma`` that functions return
+lies in the inner set, length <= 1. Source: Schaub and Junkins, "Analytical Mechanics of Space Systems", 4th ed.,
+ch. 3; equation numbers below are of that chapter's subjects, not repeated where the name says it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from fsw.math.compiled import compiled
+from fsw.math.vectors import M3, V3, V4, cross, dot, scale
+
+
+@compiled
+def ep_normalize(beta: V4) -> V4:
+    """Unit Euler parameters with scalar >= 0; NaN if all are 0."""
+    n = math.sqrt(beta[0] * beta[0] + beta[1] * beta[1] + beta[2] * beta[2] + beta[3] * beta[3])
+    k = (-1.0 / n if beta[0] < 0.0 else 1.0 / n) if n > 0.0 else math.nan
+    return (k * beta[0], k * beta[1], k * beta[2], k * beta[3])
+
+
+@compiled
+def ep_to_dcm(beta: V4) -> M3:
+    """dcm_BN of unit Euler parameters beta_BN."""
+    w, x, y, z = beta
+    return (
+        (w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+        (2.0 * (x * y - w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z + w * x)),
+        (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z),
+    )
+
+
+@compiled
+def dcm_to_ep(m: M3) -> V4:
+    """Euler parameters of a rotation matrix by the method of Sheppard (1978): divides by the largest of the four."""
+    trace = m[0][0] + m[1][1] + m[2][2]
+    w = 1.0 + trace
+    x = 1.0 + 2.0 * m[0][0] - trace
+    y = 1.0 + 2.0 * m[1][1] - trace
+    z = 1.0 + 2.0 * m[2][2] - trace
+    wx, wy, wz = m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]
+    yz, zx, xy = m[1][2] + m[2][1], m[2][0] + m[0][2], m[0][1] + m[1][0]
+    if w >= x and w >= y and w >= z:
+        beta = (w, wx, wy, wz)
+    elif x >= y and x >= z:
+        beta = (wx, x, xy, zx)
+    elif y >= z:
+        beta = (wy, xy, y, yz)
+    else:
+        beta = (wz, zx, yz, z)
+    return ep_normalize(beta)
+
+
+@compiled
+def ep_to_mrp(beta: V4) -> V3:
+    """MRP, inner set, of unit Euler parameters."""
+    k = -1.0 / (1.0 - beta[0]) if beta[0] < 0.0 else 1.0 / (1.0 + beta[0])
+    return (k * beta[1], k * beta[2], k * beta[3])
+
+
+@compiled
+def mrp_to_ep(sigma: V3) -> V4:
+    """Euler parameters, scalar >= 0, of an MRP of either set."""
+    s2 = dot(sigma, sigma)
+    k = 2.0 / (1.0 + s2)
+    w = (1.0 - s2) / (1.0 + s2)
+    if w < 0.0:
+        w, k = -w, -k
+    return (w, k * sigma[0], k * sigma[1], k * sigma[2])
+
+
+@compiled
+def mrp_shadow(sigma: V3) -> V3:
+    """The other MRP of the same attitude, -sigma / |sigma|^2; NaN for sigma = 0, whose shadow is at infinity."""
+    s2 = dot(sigma, sigma)
+    return scale(-1.0 / s2 if s2 > 0.0 else math.nan, sigma)
+
+
+@compiled
+def mrp_inner(sigma: V3) -> V3:
+    """The MRP of the same attitude with length <= 1."""
+    if dot(sigma, sigma) > 1.0:
+        return mrp_shadow(sigma)
+    return sigma
+
+
+@compiled
+def mrp_to_dcm(sigma: V3) -> M3:
+    """dcm_BN of sigma_BN, of either set."""
+    return ep_to_dcm(mrp_to_ep(sigma))
+
+
+@compiled
+def dcm_to_mrp(m: M3) -> V3:
+    """MRP, inner set, of a rotation matrix."""
+    return ep_to_mrp(dcm_to_ep(m))
+
+
+@compiled
+def ep_inverse(beta: V4) -> V4:
+    """beta_NB of beta_BN."""
+    return (beta[0], -beta[1], -beta[2], -beta[3])
+
+
+@compiled
+def ep_compose(beta_CB: V4, beta_BN: V4) -> V4:
+    """beta_CN of beta_CB and beta_BN, in the order of ``dcm_CN = dcm_CB dcm_BN``."""
+    c0, c1, c2, c3 = beta_CB
+    b0, b1, b2, b3 = beta_BN
+    w = c0 * b0 - c1 * b1 - c2 * b2 - c3 * b3
+    x = c1 * b0 + c0 * b1 + c3 * b2 - c2 * b3
+    y = c2 * b0 - c3 * b1 + c0 * b2 + c1 * b3
+    z = c3 * b0 + c2 * b1 - c1 * b2 + c0 * b3
+    return (-w, -x, -y, -z) if w < 0.0 else (w, x, y, z)
+
+
+@compiled
+def ep_relative(beta_BN: V4, beta_RN: V4) -> V4:
+    """beta_BR of two attitudes relative to the same frame."""
+    return ep_compose(beta_BN, ep_inverse(beta_RN))
+
+
+@compiled
+def mrp_compose(sigma_CB: V3, sigma_BN: V3) -> V3:
+    """sigma_CN of sigma_CB and sigma_BN; by way of Euler parameters, so that no pair of attitudes is singular."""
+    return ep_to_mrp(ep_compose(mrp_to_ep(sigma_CB), mrp_to_ep(sigma_BN)))
+
+
+@compiled
+def mrp_relative(sigma_BN: V3, sigma_RN: V3) -> V3:
+    """sigma_BR of two attitudes relative to the same frame."""
+    return ep_to_mrp(ep_relative(mrp_to_ep(sigma_BN), mrp_to_ep(sigma_RN)))
+
+
+@compiled
+def ep_rate(beta: V4, omega: V3) -> V4:
+    """Time derivative of beta_BN for the rate omega_BN_B, rad/s."""
+    w, x, y, z = beta
+    p, q, r = omega
+    return (
+        0.5 * (-x * p - y * q - z * r),
+        0.5 * (w * p - z * q + y * r),
+        0.5 * (z * p + w * q - x * r),
+        0.5 * (-y * p + x * q + w * r),
+    )
+
+
+@compiled
+def mrp_rate(sigma: V3, omega: V3) -> V3:
+    """Time derivative of sigma_BN for the rate omega_BN_B, rad/s."""
+    a = 0.25 * (1.0 - dot(sigma, sigma))
+    b = 0.5 * dot(sigma, omega)
+    c = cross(sigma, omega)
+    return (
+        a * omega[0] + 0.5 * c[0] + b * sigma[0],
+        a * omega[1] + 0.5 * c[1] + b * sigma[1],
+        a * omega[2] + 0.5 * c[2] + b * sigma[2],
+    )
+
+
+@compiled
+def mrp_rate_to_omega(sigma: V3, sigma_dot: V3) -> V3:
+    """omega_BN_B, rad/s, of sigma_BN and its time derivative: the inverse of `mrp_rate`."""
+    s2 = dot(sigma, sigma)
+    k = 4.0 / ((1.0 + s2) * (1.0 + s2))
+    a = k * (1.0 - s2)
+    b = 2.0 * k * dot(sigma, sigma_dot)
+    c = cross(sigma, sigma_dot)
+    return (
+        a * sigma_dot[0] - 2.0 * k * c[0] + b * sigma[0],
+        a * sigma_dot[1] - 2.0 * k * c[1] + b * sigma[1],
+        a * sigma_dot[2] - 2.0 * k * c[2] + b * sigma[2],
+    )
+
+
+@compiled
+def rotvec_to_ep(phi: V3) -> V4:
+    """Euler parameters, scalar >= 0, of a rotation vector (axis times angle, rad, any length)."""
+    half = 0.5 * math.sqrt(dot(phi, phi))
+    # below 1e-4 the series is exact to the last bit: the next term is half^4 / 120
+    k = 0.5 * math.sin(half) / half if half > 1e-4 else 0.5 * (1.0 - half * half / 6.0)
+    w = math.cos(half)
+    if w < 0.0:
+        w, k = -w, -k
+    return (w, k * phi[0], k * phi[1], k * phi[2])
+
+
+@compiled
+def ep_to_rotvec(beta: V4) -> V3:
+    """Rotation vector, rad, length <= pi, of unit Euler parameters."""
+    v = math.sqrt(beta[1] * beta[1] + beta[2] * beta[2] + beta[3] * beta[3])
+    w = abs(beta[0])
+    k = 2.0 * math.atan2(v, w) / v if v > 1e-150 else 2.0
+    if beta[0] < 0.0:
+        k = -k
+    return (k * beta[1], k * beta[2], k * beta[3])
+
+
+@compiled
+def rotvec_to_dcm(phi: V3) -> M3:
+    """Rotation matrix of a rotation vector, rad: dcm_BN if B is N turned by ``phi``."""
+    return ep_to_dcm(rotvec_to_ep(phi))
+
+
+@compiled
+def dcm_to_rotvec(m: M3) -> V3:
+    """Rotation vector, rad, length <= pi, of a rotation matrix."""
+    return ep_to_rotvec(dcm_to_ep(m))

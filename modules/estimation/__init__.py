@@ -1,0 +1,1 @@
+"""Estimators: states of the vehicle from measurements."""

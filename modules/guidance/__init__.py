@@ -1,0 +1,1 @@
+"""Guidance: reference attitudes and tracking errors."""

@@ -1,0 +1,1 @@
+"""Optical navigation: what images say about where the camera is."""

@@ -1,0 +1,1 @@
+"""Cameras: what takes or plays images."""

@@ -1,0 +1,87 @@
+"""A camera that plays photos from files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+from fsw import Module, Out
+from messages.opnav import CameraImageMsg
+from messages.orbit import PhotoTimeMsg
+from sim.camera.photo_player.photo import PhotoError, read_image
+
+
+class PlayedPhoto(msgspec.Struct, frozen=True, kw_only=True):
+    """A photo to be played: ``path`` of its file, and times as in `PhotoTimeMsg`, ns and s."""
+
+    path: str
+    exposure_ns: int
+    earliest_ns: int
+    latest_ns: int
+    sigma_s: float
+
+
+class PhotoPlayer(Module):
+    """Plays stored photos, one a step, as often and in the order it is told. See SPEC.md."""
+
+    shared = ("photos",)
+    out_time = Out(PhotoTimeMsg)
+    out_image = Out(CameraImageMsg)
+
+    def __init__(self, name: str, photos: Sequence[PlayedPhoto]) -> None:
+        """Take the list of photos; nothing is played before `queue` is called.
+
+        Raises:
+            ValueError: if two photos have the same exposure time, which names a photo downstream, or there is none.
+        """
+        super().__init__(name)
+        self.photos = tuple(photos)
+        if not self.photos:
+            raise ValueError(f"PhotoPlayer {name!r}: expected at least one photo, got none")
+        times = [p.exposure_ns for p in self.photos]
+        for photo in self.photos:
+            if times.count(photo.exposure_ns) > 1:
+                text = f"{photo.path} has the same exposure time as another photo; leave one of them out"
+                raise ValueError(f"PhotoPlayer {name!r}: {text}")
+        self._waiting: list[tuple[int, int, bool]] = []
+
+    def queue(self, indices: Sequence[int], attempt: int = 0) -> None:
+        """Add a round: the photos of these indices, in this order, to be searched for with this attempt.
+
+        Raises:
+            IndexError: if there is no such photo.
+        """
+        for i in indices:
+            if not 0 <= i < len(self.photos):
+                raise IndexError(f"PhotoPlayer {self.name!r}: there are {len(self.photos)} photos, no number {i}")
+        last = len(indices) - 1
+        self._waiting += [(i, attempt, k == last) for k, i in enumerate(indices)]
+
+    @property
+    def waiting(self) -> int:
+        """How many photos are still to be played."""
+        return len(self._waiting)
+
+    def step(self, t_ns: int) -> None:
+        """Publish the next photo and its time, or nothing if none waits."""
+        if not self._waiting:
+            return
+        index, attempt, last = self._waiting.pop(0)
+        photo = self.photos[index]
+        try:
+            image = read_image(photo.path)
+        except PhotoError as error:
+            raise PhotoError(f"{error} (it could be when the run began)") from error
+        self.out_time.write(
+            PhotoTimeMsg(
+                exposure_ns=photo.exposure_ns,
+                earliest_ns=photo.earliest_ns,
+                latest_ns=photo.latest_ns,
+                sigma_s=photo.sigma_s,
+                attempt=attempt,
+                last=last,
+            ),
+            t_ns,
+        )
+        self.out_image.write(CameraImageMsg(image=image, exposure_ns=photo.exposure_ns, label=photo.path), t_ns)

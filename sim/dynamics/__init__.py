@@ -1,0 +1,1 @@
+"""Dynamics: how the true state moves."""

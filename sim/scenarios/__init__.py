@@ -1,0 +1,1 @@
+"""Scenarios: the only place that sees both sides, flight software and truth."""

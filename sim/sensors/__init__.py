@@ -1,0 +1,1 @@
+"""Sensors: true states in, measurements with their errors out."""
