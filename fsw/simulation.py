@@ -142,7 +142,11 @@ class Simulation:
         old_next = None if first else self._tasks[:, loop.NEXT].copy()
         old_cursor = np.array([0, -1, -1, loop.BEFORE, 0, 0], np.int64) if first else self._cursor.copy()
         n = len(self.modules)
-        self._tasks, self._slots = np.zeros((len(self.tasks), loop.WIDTHS[0]), np.int64), np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
+        old_slots = None if first else self._slots
+        self._tasks = np.zeros((len(self.tasks), loop.WIDTHS[0]), np.int64)
+        self._slots = np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
+        if old_slots is not None:
+            self._slots[:, [loop.WALL, loop.CALLS]] = old_slots[:, [loop.WALL, loop.CALLS]]
         checks: list[list[int]] = []
         self._checked: list[Any] = []
         self._recordings: list[Recording[Any]] = []
@@ -325,8 +329,8 @@ class Simulation:
             module.step_uncompiled(t_ns)
         else:
             module.step(t_ns)
-        self._slots[slot, loop.WALL] += time.perf_counter_ns() - started
-        self._slots[slot, loop.CALLS] += 1
+        if self.timed:
+            self._slots[slot, [loop.WALL, loop.CALLS]] += time.perf_counter_ns() - started, 1
         for recording in self._objects[slot]:
             recording.keep_object(t_ns)
 

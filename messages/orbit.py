@@ -14,6 +14,7 @@ class PhotoTimeMsg(Message):
     earliest_ns: Annotated[int, "ns", "the exposure was not before this"]
     latest_ns: Annotated[int, "ns", "the exposure was not after this"]
     sigma_s: Annotated[float, "s", "standard deviation of exposure_ns", Bound(ge=0)]
+    even: Annotated[bool, "-", "the shutter ran evenly, so that the errors of all photos lie on a line in time"] = False
     attempt: Annotated[int, "-", "how often this photo was tried before without success", Bound(ge=0)] = 0
     last: Annotated[bool, "-", "no other photo of this round follows"] = False
 

@@ -68,9 +68,9 @@ def accumulate(
             for j in range(10):
                 row[j] = d_lens[axis, j]
             row[10], row[11], row[12] = -gx, -gy, -gz
-            row[13] = gz * y - gy * z
-            row[14] = gx * z - gz * x
-            row[15] = gy * x - gx * y
+            row[13] = gy * z - gz * y
+            row[14] = gz * x - gx * z
+            row[15] = gx * y - gy * x
             for j in range(16):
                 wj = weight[i] * row[j]
                 right[j] += wj * error

@@ -20,6 +20,7 @@ class PlayedPhoto(msgspec.Struct, frozen=True, kw_only=True):
     earliest_ns: int
     latest_ns: int
     sigma_s: float
+    even: bool = False
 
 
 class PhotoPlayer(Module):
@@ -79,6 +80,7 @@ class PhotoPlayer(Module):
                 earliest_ns=photo.earliest_ns,
                 latest_ns=photo.latest_ns,
                 sigma_s=photo.sigma_s,
+                even=photo.even,
                 attempt=attempt,
                 last=last,
             ),
