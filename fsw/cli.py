@@ -46,7 +46,7 @@ def locate(scenario: str) -> None:
     """Check that a scenario exists."""
     try:
         found = Path(scenario).is_file() if scenario.endswith(".py") else importlib.util.find_spec(scenario)
-    except (ModuleNotFoundError, ValueError):
+    except (ImportError, ValueError):
         found = None
     if not found:
         raise UsageError(f"there is no scenario {scenario}; give {SCENARIO}, from the folder that holds it")
@@ -55,9 +55,14 @@ def locate(scenario: str) -> None:
 def build(scenario: str) -> tuple[Simulation, Graph]:
     """The simulation that the scenario's ``build()`` returns, and its graph with all wiring faults."""
     locate(scenario)
-    is_file = scenario.endswith(".py")
-    names = runpy.run_path(scenario) if is_file else vars(importlib.import_module(scenario))
-    maker = names.get("build")
+    if scenario.endswith(".py"):
+        spec = importlib.util.spec_from_file_location(Path(scenario).stem, scenario)
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    else:
+        module = importlib.import_module(scenario)
+    maker = getattr(module, "build", None)
     if maker is None:
         raise UsageError(f"{scenario} has no function build() that returns its Simulation; write one")
     parameters = inspect.signature(maker).parameters.values()
@@ -132,10 +137,11 @@ def known_messages() -> dict[str, type[Message | ObjectMessage]]:
 def dictionary(args: argparse.Namespace) -> int:
     """Print the declared messages."""
     known = known_messages()
-    if args.message is not None and args.message not in known:
-        close: list[str] = difflib.get_close_matches(args.message, known, 3) or list(known)
-        raise UsageError(f"there is no message {args.message}; did you mean {', '.join(close)}?")
-    chosen = [kind for name, kind in known.items() if args.message in (None, name)]
+    wanted: str | None = args.message
+    if wanted is not None and wanted not in known:
+        close = difflib.get_close_matches(wanted, known, 3) or list(known)
+        raise UsageError(f"there is no message {wanted}; did you mean {', '.join(close)}?")
+    chosen = [kind for name, kind in known.items() if wanted in (None, name)]
     if args.schema or args.json:
         print(json.dumps([json_schema(k) for k in chosen] if args.schema else [_entry(k) for k in chosen], indent=2))
         return 0
@@ -190,7 +196,8 @@ def info(args: argparse.Namespace) -> int:
     folder = compiler.cache_folder()
     size = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
     table = Table.grid(padding=(0, 2))
-    table.add_row("fsw", f"{importlib.metadata.version('opnav-fsw')}, Python {platform.python_version()}")
+    installed = [d.version for d in importlib.metadata.distributions(name="opnav-fsw")] or ["not installed"]
+    table.add_row("fsw", f"{installed[0]}, Python {platform.python_version()}")
     table.add_row("libraries", ", ".join(f"{p} {importlib.metadata.version(p)}" for p in ("numpy", "numba", "msgspec")))
     table.add_row("machine", f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     table.add_row("kernels", "compiled" if COMPILE else "plain Python (FSW_COMPILE=0)")
@@ -276,9 +283,9 @@ def main(argv: list[str] | None = None) -> int:
     except Exception as error:
         if hasattr(args, "debug"):
             traceback.print_exc()
-        usage = isinstance(error, UsageError)
-        print(f"fsw: {error}" if usage else f"fsw: {type(error).__name__}: {error}", file=sys.stderr)
-        return 2 if usage else 1
+        text = str(error) if " " in str(error) else f"{type(error).__name__}: {error}"
+        print(f"fsw: {text}", file=sys.stderr)
+        return 2 if isinstance(error, UsageError) else 1
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dis
 import hashlib
+import importlib
 import importlib.metadata
 import json
 import os
@@ -92,8 +93,16 @@ def entry_of(cls: type[KernelModule]) -> Entry:
             lines.append(f"    space = peek(rows + {8 * len(dtypes)})")
             lines += [f"    move(space, a{i}, {dtypes[i].itemsize}); space += {dtypes[i].itemsize}" for i in saved]
         arguments = ", ".join(f"row_at(a{i}, R{i})" for i in range(len(dtypes)))
-        lines += ["    try:", f"        kernel(t_ns, {arguments})", "    except Exception:", "        return 1", "    return 0"]
-        made, from_cache = _build(f"{cls.__module__}.{cls.__qualname__}", "\n".join(lines), {"kernel": cls.kernel}, dtypes)
+        lines += [
+            "    try:",
+            f"        kernel(t_ns, {arguments})",
+            "    except Exception:",
+            "        return 1",
+            "    return 0",
+        ]
+        made, from_cache = _build(
+            f"{cls.__module__}.{cls.__qualname__}", "\n".join(lines), {"kernel": cls.kernel}, dtypes
+        )
         _entries[cls] = Entry(made, from_cache, saved)
     return _entries[cls]
 
@@ -101,7 +110,10 @@ def entry_of(cls: type[KernelModule]) -> Entry:
 def loop_entry() -> Entry:
     """The compiled executive: takes the address of the control block, and 0."""
     if loop not in _entries:
-        tables = "\n".join(f"    t{i} = table_at(peek(c + {48 + 8 * i}), peek(c + {8 + 8 * i}), {w})" for i, w in enumerate((*loop.WIDTHS, 1)))
+        tables = "\n".join(
+            f"    t{i} = table_at(peek(c + {48 + 8 * i}), peek(c + {8 + 8 * i}), {w})"
+            for i, w in enumerate((*loop.WIDTHS, 1))
+        )
         source = f"def entry(c, unused):\n{tables}\n    cursor = t4[:, 0]\n"
         source += "    return run(peek(c), t0, t1, t2, t3, cursor, peek(c + 88), peek(c + 96))"
         _entries[loop] = Entry(*_build("fsw.loop.run", source, {"run": loop.run}, []), ())
@@ -133,7 +145,7 @@ def reachable(function: Any) -> tuple[list[types.FunctionType], list[str]]:
 
 
 def _is_library(filename: str) -> bool:
-    return filename.startswith(_LIBRARIES) and "site-packages" in filename or filename.startswith(_LIBRARIES[:2])
+    return (filename.startswith(_LIBRARIES) and "site-packages" in filename) or filename.startswith(_LIBRARIES[:2])
 
 
 def _globals_used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
@@ -181,7 +193,9 @@ def digest(source: str, reach: dict[str, Any], dtypes: list[np.dtype[Any]]) -> s
         key.update(path.read_bytes() if path.is_file() else file.encode())
     versions = [importlib.metadata.version(p) for p in ("numba", "llvmlite", "numpy")]
     machine = [platform.machine(), sys.version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()]
-    key.update(json.dumps([source, [str(d.descr) + str(d.itemsize) for d in dtypes], versions, machine, OPTIONS]).encode())
+    key.update(
+        json.dumps([source, [str(d.descr) + str(d.itemsize) for d in dtypes], versions, machine, OPTIONS]).encode()
+    )
     return key.hexdigest()[:24]
 
 
@@ -197,7 +211,9 @@ def _build(name: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[
                 reason = repr(error)
         else:
             reason = "its checksum is wrong"
-        warnings.warn(f"compile cache: entry of {name} is damaged ({reason}); compiling again", CacheWarning, stacklevel=4)
+        warnings.warn(
+            f"compile cache: entry of {name} is damaged ({reason}); compiling again", CacheWarning, stacklevel=4
+        )
         shutil.rmtree(folder, ignore_errors=True)
     progress(f"compiling {name} (once; kept in {cache_folder()})")
     try:
@@ -209,7 +225,7 @@ def _build(name: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[
             sums = {str(f.relative_to(place)): _sum(f) for f in sorted(place.rglob("*")) if f.is_file()}
             (place / "manifest.json").write_text(json.dumps({"name": name, "files": sums}))
             if not folder.exists():  # else another process was faster, and its entry is as good
-                os.replace(place, folder)
+                place.replace(folder)
     except OSError as error:
         text = f"compile cache: cannot write {cache_folder()} ({error}); kernels are compiled again at the next start"
         warnings.warn(text, CacheWarning, stacklevel=4)
@@ -229,11 +245,15 @@ def _intact(folder: Path) -> bool:
         return False
 
 
-def _compile(folder: Path, key: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[Any]], *, save: bool) -> Any:
+def _compile(
+    folder: Path, key: str, source: str, reach: dict[str, Any], dtypes: list[np.dtype[Any]], *, save: bool
+) -> Any:
     """Compile the wrapper whose file lies in ``folder``, or load it if numba finds its object code there."""
-    from numba import cfunc, config, from_dtype, int32, int64
+    from numba import cfunc, from_dtype, int32, int64
 
     from fsw import native
+
+    config: Any = importlib.import_module("numba.core.config")
 
     file = folder / "entry.py"
     module = types.ModuleType(f"fsw_entry_{key}")

@@ -3,7 +3,8 @@
 Tables (int64), built by `fsw.simulation`:
 
     tasks[i]   next instant, period, first slot, first slot of the next task
-    slots[j]   function address (0: Python), address of its row addresses, first check, first recording, watched, wall ns, calls
+    slots[j]   function address (0: Python), address of its row addresses, first check, first recording, watched,
+               wall ns, calls
     checks[k]  row address, greatest age, stop on violation, violations
     records[r] row address, row size, buffer address, capacity, count, last seq, every ns, next due,
                on change, first still to come

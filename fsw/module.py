@@ -175,10 +175,10 @@ class KernelModule(Module):
     def __init_subclass__(cls) -> None:
         """Check that the kernel's arguments and the declared ports agree."""
         super().__init_subclass__()
-        kernel = vars(cls).get("kernel")
+        kernel: Any = vars(cls).get("kernel")
         if not isinstance(kernel, staticmethod):
             raise TypeError(f"{cls.__name__}: write a @staticmethod named kernel")
-        names = list(inspect.signature(kernel).parameters)
+        names = list(inspect.signature(cls.kernel).parameters)
         cls.kernel_ports = tuple(names[3:])
         if names[:3] != ["t_ns", "params", "state"] or set(names[3:]) != set(cls.ports):
             wanted = ", ".join(["t_ns", "params", "state", *cls.ports])
@@ -213,7 +213,7 @@ class KernelModule(Module):
         """The rows that the kernel works on, in the order of its arguments; an unconnected input reads a blank row."""
         rows = [self._row_params, self._row_state]
         for name in self.kernel_ports:
-            port = self.__dict__[name]
+            port: InPort[Any] | OutPort[Any] = self.__dict__[name]
             source = port.source if isinstance(port, InPort) else port
             rows.append(self._row_null[name] if source is None else source.row)
         return rows

@@ -1,5 +1,7 @@
 """The operations on raw addresses, each compiled and in plain Python: the only place that leaves the type system."""
 
+# pyright: reportRedeclaration=false
+
 from __future__ import annotations
 
 import ctypes

@@ -1,10 +1,10 @@
-"""Pictures of a graph: one lane for each task, its modules in order; feedback is dashed."""
+"""Pictures of a graph: a lane for each task with its modules in order; feedback is dashed."""
 
 from __future__ import annotations
 
 import json
 from html import escape
-from itertools import groupby
+from itertools import count, groupby
 from typing import TYPE_CHECKING
 
 from fsw.time import text
@@ -16,16 +16,16 @@ _LINE, _CHAR, _TRACK = 18, 6.7, 9
 """Pixels from line to line of text, of a character of the 11 px fixed-width font, from wire to wire."""
 _COLOURS = ("#1f6fb4", "#c2551a", "#2b8a3e", "#8e3f9e", "#9a7400", "#b02a4c")
 _STYLE = (
-    "text{font:11px 'DejaVu Sans Mono',Menlo,Consolas,monospace;fill:#222}.b{font-weight:bold}.l{fill:#555}.e{text-anchor:end}"
-    ".lane{fill:#f3f5f8}.box{fill:#fff;stroke:#444}.wire{fill:none;stroke-width:1.4}.back{stroke-dasharray:5 3}"
+    "text{font:11px 'DejaVu Sans Mono',Menlo,Consolas,monospace;fill:#222}.title{font-weight:bold}.end{text-anchor:end}"
+    ".lane{fill:#eef1f6}.box{fill:#fff;stroke:#444}.wire{fill:none;stroke-width:1.3}.back{stroke-dasharray:5 3}"
 )
 
 
-def _lanes(graph: Graph) -> list[tuple[str, list[tuple[int, str, str]]]]:
-    """Each task's title and its modules: place, name, class."""
-    named = [(i, m.name, type(m).__name__) for i, m in enumerate(graph.modules)]
-    runs = groupby(named, key=lambda module: graph.tasks[module[0]])
-    return [(f"{t.name}: every {text(t.period)} from {text(t.phase)}", list(modules)) for t, modules in runs]
+def _lanes(graph: Graph) -> list[tuple[str, list[tuple[int, str]]]]:
+    """Each task's title, and place and title of its modules."""
+    named = [(place, f"{m.name} ({type(m).__name__})") for place, m in enumerate(graph.modules)]
+    lanes = groupby(named, key=lambda module: graph.tasks[module[0]])
+    return [(f"{t.name}, every {text(t.period)} from {text(t.phase)}", list(modules)) for t, modules in lanes]
 
 
 def mermaid(graph: Graph) -> str:
@@ -36,31 +36,84 @@ def mermaid(graph: Graph) -> str:
 
     lines = ["flowchart TB"]
     for number, (title, modules) in enumerate(_lanes(graph)):
-        boxes = [f"    m{place}[{quoted(f'{name} ({kind})')}]" for place, name, kind in modules]
+        boxes = [f"    m{place}[{quoted(name)}]" for place, name in modules]
         lines += [f"  subgraph t{number}[{quoted(title)}]", *boxes, "  end"]
-    for e in graph.edges:
-        lines.append(f"  m{e.places[0]} {'-.->' if e.backward else '-->'}|{quoted(e.label)}| m{e.places[1]}")
-    return "\n".join(lines) + "\n"
+    arrows = {False: "-->", True: "-.->"}
+    lines += [f"  m{e.places[0]} {arrows[e.backward]}|{quoted(e.label)}| m{e.places[1]}" for e in graph.edges]
+    return "\n".join([*lines, ""])
 
 
 def dot(graph: Graph) -> str:
     """A Graphviz digraph."""
+
+    def label(words: str) -> str:
+        return "label=" + json.dumps(words, ensure_ascii=False)
+
     lines = ["digraph {", "  node [shape=box]"]
     for number, (title, modules) in enumerate(_lanes(graph)):
-        boxes = [f"    m{p} [label={json.dumps(f'{n} ({k})', ensure_ascii=False)}]" for p, n, k in modules]
-        lines += [f"  subgraph cluster_{number} {{", f"    label={json.dumps(title, ensure_ascii=False)}", *boxes, "  }"]
-    for e in graph.edges:
-        style = ", style=dashed" if e.backward else ""
-        lines.append(f"  m{e.places[0]} -> m{e.places[1]} [label={json.dumps(e.label, ensure_ascii=False)}{style}]")
+        boxes = [f"    m{place} [{label(name)}]" for place, name in modules]
+        lines += [f"  subgraph cluster_{number} {{", f"    {label(title)}", *boxes, "  }"]
+    style = {False: "solid", True: "dashed"}
+    lines += [f"  m{e.places[0]} -> m{e.places[1]} [{label(e.label)} style={style[e.backward]}]" for e in graph.edges]
     return "\n".join([*lines, "}", ""])
 
 
+def _text(x: float, y: float, words: str, style: str) -> str:
+    return f'<text x="{x:g}" y="{y:g}" class="{style}">{escape(words)}</text>'
+
+
 def svg(graph: Graph) -> str:
-    """A drawing: forward wires on the right, feedback on the left, every input on its own line with its label."""
-    sides: list[list[dict[str, str]]] = [[{}, {}] for _ in graph.modules]  # of each module: right and left, port: label
+    """A drawing: forward wires on the right, feedback on the left, each input on a line of its own with its label."""
+    ports: list[tuple[dict[str, str], dict[str, str]]] = [({}, {}) for _ in graph.modules]  # right, left; port: label
+    wires: dict[tuple[bool, str], list[str]] = {}
     for e in graph.edges:
-        sides[e.places[0]][e.backward].setdefault(e.source, "")
-        sides[e.places[1]][e.backward][e.reader] = e.label
-    y, at, lanes, boxes = 0, {}, [], []
-    at: dict[tuple[bool, str], int] = {}
-    return ""
+        ports[e.places[0]][e.backward].setdefault(e.source, "")
+        ports[e.places[1]][e.backward][e.reader] = e.label
+        wires.setdefault((e.backward, e.source), []).append(e.reader)
+    lanes = _lanes(graph)
+    titles = [title for lane, modules in lanes for title in (lane, *(name for _, name in modules))]
+    pairs = [sum(max((len(p.split(".", 1)[1]) for p in side), default=0) for side in both) + 3 for both in ports]
+    box = _CHAR * max([*map(len, titles), *pairs], default=0) + 16
+    room = [_CHAR * max((len(t) for both in ports for t in both[side].values()), default=0) + 24 for side in (0, 1)]
+
+    body: list[str] = []
+    bands: list[tuple[int, int]] = []
+    at: dict[tuple[bool, str], int] = {}  # height of each port's line
+    y = 0
+    for lane, modules in lanes:
+        bands.append((y, 24 + sum(_LINE * max(map(len, ports[place])) + 32 for place, _ in modules)))
+        body.append(_text(0, y + 16, lane, "title"))
+        y += 24
+        for place, name in modules:
+            height = _LINE * (1 + max(map(len, ports[place]))) + 4
+            body.append(
+                f'<rect class="box" y="{y}" width="{box:g}" height="{height}"/>{_text(8, y + 14, name, "title")}'
+            )
+            for back, x, out, inward, outward in ((False, box, 1, "end", "start"), (True, 0, -1, "start", "end")):
+                for line, (port, label) in enumerate(ports[place][back].items()):
+                    at[back, port] = level = y + _LINE * line + 32
+                    body.append(_text(x - 6 * out, level + 4, port.split(".", 1)[1], inward))
+                    body.append(_text(x + 12 * out, level - 4, label, outward))
+            y += height + 10
+        y += 8
+
+    taken: dict[tuple[bool, int], list[tuple[int, int]]] = {}  # heights that wires use, of each track from the boxes
+    spans = {w: sorted(at[w[0], port] for port in (w[1], *readers)) for w, readers in wires.items()}
+    for number, wire in enumerate(sorted(wires, key=lambda w: spans[w][-1] - spans[w][0])):
+        back, first, last = wire[0], spans[wire][0], spans[wire][-1]
+        track = next(n for n in count() if all(b < first or last < a for a, b in taken.get((back, n), ())))
+        taken.setdefault((back, track), []).append((first, last))
+        x, out = (0, -1) if back else (box, 1)
+        turn, colour = x + out * (room[back] + _TRACK * track), _COLOURS[number % len(_COLOURS)]
+        for end in [at[back, reader] for reader in wires[wire]]:
+            way = f"M{x:g} {at[wire]}H{turn:g}V{end}H{x + 6 * out:g}"
+            body.append(f'<path class="wire{" back" * back}" d="{way}" stroke="{colour}"/>')
+            body.append(f'<path d="M{x:g} {end}l{8 * out} -4v8z" fill="{colour}"/>')
+
+    right, left = (16 + room[i] + _TRACK * sum(back == i for back, _ in taken) for i in (0, 1))
+    frame = f'width="{left + box + right:g}" '
+    drop = [f'<rect class="lane" x="{-left:g}" y="{top}" {frame}height="{height}"/>' for top, height in bands]
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{-left:g} 0 {left + box + right:g} {y}" {frame}height="{y}">'
+    )
+    return "\n".join([head, f"<style>{_STYLE}</style>", *drop, *body, "</svg>", ""])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,7 @@ class OutPort(Generic[M]):
     def bind(self, row: NDArray[Any]) -> None:
         """Use another one-row array, such as a row of a simulation's arena."""
         self.row = row
-        self._head = memoryview(row.view(np.uint8)).cast("q")
+        self._head = memoryview(cast(Any, row.view(np.uint8))).cast("q")
         self._views = [] if issubclass(self.kind, ObjectMessage) else field_views(self.kind, row)
         self._last_seq = -1 if issubclass(self.kind, Message) else self.seq
 

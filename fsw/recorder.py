@@ -43,7 +43,12 @@ class Recording(Generic[M]):
     def _resume(self) -> None:
         """Bookkeeping for what comes after the rows there are."""
         last, entry = self.last_row, self.entry
-        entry[[loop.R_SIZE, loop.R_SEQ, loop.R_EVERY, loop.R_CHANGE]] = self.size, self.port.seq, self.every, self.on_change
+        entry[[loop.R_SIZE, loop.R_SEQ, loop.R_EVERY, loop.R_CHANGE]] = (
+            self.size,
+            self.port.seq,
+            self.every,
+            self.on_change,
+        )
         entry[loop.R_DUE] = 0 if last is None else self._next_due(int(last["t_ns"][0]))
         entry[loop.R_FIRST] = last is None
 
@@ -120,7 +125,7 @@ class Recording(Generic[M]):
     @property
     def t_s(self) -> NDArray[np.float64]:
         """Times at which the messages were written, (n,) s."""
-        return self.t_ns * 1e-9
+        return np.asarray(self.t_ns * 1e-9, np.float64)
 
     @property
     def objects(self) -> list[M]:
@@ -151,8 +156,8 @@ def atomic(path: Path | str) -> Generator[Path]:
     os.close(handle)
     try:
         yield Path(name)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
     finally:
         Path(name).unlink(missing_ok=True)
 
@@ -189,7 +194,7 @@ def load(path: Path | str) -> dict[str, NDArray[Any]]:
     Raises:
         ValueError: if the file is damaged or not of this kind.
     """
-    with open(path, "rb") as file:
+    with Path(path).open("rb") as file:
         try:
             archive = np.load(file, allow_pickle=False)
             return {name: archive[name] for name in archive.files if name != "schema"}

@@ -57,7 +57,8 @@ def new_module(name: str, root: Path, tier: str) -> list[Path]:
             (root / path).parent.mkdir(parents=True, exist_ok=True)
             (root / path).write_text(text, encoding="utf-8")
     except OSError:
+        for path in texts:
+            (root / path).unlink(missing_ok=True)
         shutil.rmtree(root / folder, ignore_errors=True)
-        (root / test).unlink(missing_ok=True)
         raise
     return list(texts)

@@ -20,10 +20,10 @@ from fsw.graph import Graph
 from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule, Module
 from fsw.ports import OutPort
-from fsw.recorder import Recording
 from fsw.streams import stream_words
+from fsw.tables import Tables
 from fsw.time import text
-from messages.base import Message, ObjectMessage
+from messages.base import I64, Message, ObjectMessage
 
 M = TypeVar("M", bound="Message | ObjectMessage")
 Stop: TypeAlias = tuple[OutPort[Any], Callable[[Any], bool]]
@@ -61,8 +61,8 @@ class Snapshot(msgspec.Struct, frozen=True):
     t_ns: int
     layout: tuple[Any, ...]
     arena: NDArray[np.uint8]
-    next_ns: NDArray[np.int64]
-    cursor: NDArray[np.int64]
+    next_ns: I64
+    cursor: I64
     modules: list[dict[str, Any]]
 
 
@@ -91,7 +91,8 @@ class Simulation:
         self.modules: list[Module] = [m for t in self.tasks for m in t.modules]
         self.t_ns = 0
         self.timed = False
-        self._arena: NDArray[np.uint8] | None = None
+        self._arena: NDArray[np.uint8] = np.zeros(0, np.uint8)
+        self._tables: Tables | None = None
         self._initial: Snapshot | None = None
         self._ready = False
         self._stop_requested = False
@@ -106,16 +107,15 @@ class Simulation:
         """A module's connections or recordings have changed; the tables are built again before the next run."""
         self._ready = False
 
-    def _prepare(self) -> None:
-        if self._ready:
-            return
-        self.graph().require_sound()
-        if self._arena is None:
-            self._adopt()
-            self._initial = self.snapshot() if self._build_tables() else None
-        else:
-            self._build_tables()
-        self._ready = True
+    def _prepare(self) -> Tables:
+        if self._tables is None or not self._ready:
+            self.graph().require_sound()
+            if self._initial is None:
+                self._adopt()
+            self._tables, self._ready = Tables(self.tasks, self._tables), True
+            if self._initial is None:
+                self._initial = self.snapshot()
+        return self._tables
 
     def _adopt(self) -> None:
         """Move every module into one arena, seed the streams."""
@@ -135,78 +135,6 @@ class Simulation:
             module.bind(moved)
             module.attach(self)
             module.seed(lambda stream, name=module.name: stream_words(self.seed, name, stream))
-
-    def _build_tables(self) -> bool:
-        """Fill the executive's tables from tasks, wires and recordings; times and cursor survive."""
-        first = self._initial is None
-        old_next = None if first else self._tasks[:, loop.NEXT].copy()
-        old_cursor = np.array([0, -1, -1, loop.BEFORE, 0, 0], np.int64) if first else self._cursor.copy()
-        n = len(self.modules)
-        old_slots = None if first else self._slots
-        self._tasks = np.zeros((len(self.tasks), loop.WIDTHS[0]), np.int64)
-        self._slots = np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
-        if old_slots is not None:
-            self._slots[:, [loop.WALL, loop.CALLS]] = old_slots[:, [loop.WALL, loop.CALLS]]
-        checks: list[list[int]] = []
-        self._checked: list[Any] = []
-        self._recordings: list[Recording[Any]] = []
-        self._objects: list[list[Recording[Any]]] = [[] for _ in range(n)]
-        self._pointers_of: dict[Module, NDArray[np.int64]] = {}
-        ends = np.cumsum([0] + [len(t.modules) for t in self.tasks])
-        for i, task in enumerate(self.tasks):
-            self._tasks[i] = [task.phase if old_next is None else old_next[i], task.period, ends[i], ends[i + 1]]
-        for j, module in enumerate(self.modules):
-            self._slots[j, [loop.CHECK, loop.RECORD]] = len(checks), len(self._recordings)
-            for port in module.inputs:
-                if port.max_age is not None and port.source is not None:
-                    checks.append([port.source.row.ctypes.data, port.max_age, port.on_stale == "error", 0])
-                    self._checked.append(port)
-            for out in module.outputs:
-                by_object = issubclass(out.kind, ObjectMessage)
-                (self._objects[j] if by_object else self._recordings).extend(out.recordings)
-            if COMPILE and isinstance(module, KernelModule):
-                self._slots[j, [loop.FUNCTION, loop.ROWS]] = self._pointers(module)
-        self._slots[n, [loop.CHECK, loop.RECORD]] = len(checks), len(self._recordings)
-        self._checks = np.array(checks, np.int64).reshape(-1, loop.WIDTHS[2])
-        self._records = np.zeros((len(self._recordings), loop.WIDTHS[3]), np.int64)
-        for entry, recording in zip(self._records, self._recordings, strict=True):
-            recording.attach(entry)
-        self._cursor = old_cursor
-        self._cursor_view = memoryview(self._cursor)
-        plain = (self._slots[:-1, loop.FUNCTION] == 0) & (np.diff(self._slots[:, loop.RECORD]) == 0)
-        plain &= np.array([not o for o in self._objects])
-        unchecked = np.diff(self._slots[:, loop.CHECK]) == 0
-        self._runs_on = [
-            bool(plain[j] and j + 1 < n and j + 1 not in ends and self._slots[j + 1, loop.FUNCTION] == 0 and unchecked[j + 1])
-            for j in range(n)
-        ]
-        self._build_control()
-        return True
-
-    def _pointers(self, module: KernelModule) -> tuple[int, int]:
-        from fsw.compiler import entry_of
-
-        entry = entry_of(type(module))
-        self._pointers_of[module] = pointers = entry.pointers(module.kernel_rows())
-        return entry.address, pointers.ctypes.data
-
-    def _build_control(self) -> None:
-        tables = [self._tasks, self._slots, self._checks, self._records, self._cursor.reshape(-1, 1)]
-        self._stamp = np.zeros(2, np.int64)
-        self._control = np.array(
-            [0, *(len(t) for t in tables), *(t.ctypes.data for t in tables), 0, self._stamp.ctypes.data], np.int64
-        )
-        self._control_view = memoryview(self._control)
-        if COMPILE:
-            from fsw.compiler import loop_entry
-
-            self._function, self._address = loop_entry().function, self._control.ctypes.data
-
-    def _loop(self) -> int:
-        if COMPILE:
-            return self._function(self._address, 0)
-        tables = self._tasks, self._slots, self._checks, self._records, self._cursor
-        return loop.run(int(self._control[0]), *tables, 0, 0)
 
     # --- running ----------------------------------------------------------------------------------------------------
 
@@ -228,10 +156,12 @@ class Simulation:
         if not isinstance(t_ns, int) or isinstance(t_ns, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise TypeError(f"time is an int in ns, got {t_ns!r}; write s(10) for ten seconds")
         if t_ns < self.t_ns:
-            raise ValueError(f"cannot run until {text(t_ns)}: the time is {text(self.t_ns)}; use restore or reset to go back")
-        self._prepare()
-        stopped = self._advance(t_ns, 2**62, stop)
-        self.t_ns = self._cursor_view[loop.INSTANT] if stopped else t_ns
+            raise ValueError(
+                f"cannot run until {text(t_ns)}: the time is {text(self.t_ns)}; use restore or reset to go back"
+            )
+        tables = self._prepare()
+        stopped = self._advance(tables, t_ns, 2**62, stop)
+        self.t_ns = tables.now[loop.INSTANT] if stopped else t_ns
         return self.t_ns
 
     def run_for(self, duration_ns: int, *, stop: tuple[OutPort[M], Callable[[M], bool]] | None = None) -> int:
@@ -240,46 +170,46 @@ class Simulation:
 
     def step(self, instants: int = 1) -> int:
         """Run the next instants at which any task is due, and return the time of the last."""
-        self._prepare()
-        self._advance(2**62, instants, None)
-        self.t_ns = self._cursor_view[loop.INSTANT]
+        tables = self._prepare()
+        self._advance(tables, 2**62, instants, None)
+        self.t_ns = tables.now[loop.INSTANT]
         return self.t_ns
 
-    def _advance(self, until: int, instants: int, stop: Stop | None) -> bool:
+    def _advance(self, tables: Tables, until: int, instants: int, stop: Stop | None) -> bool:
         """Run; True if the stop condition or the number of instants ended it."""
-        runs_on = self._runs_on
+        runs_on, stale_before = tables.runs_on, tables.checks[:, loop.C_COUNT].copy()
         if stop is not None:
             watched = self.modules.index(stop[0].owner)
-            self._slots[watched, loop.WATCH] = 1
-            self._runs_on = [on and j != watched for j, on in enumerate(runs_on)]
-        stale_before = self._checks[:, loop.C_COUNT].copy()
-        self._control[[0, 11]] = until, _clock_address() if self.timed else 0
+            tables.slots[watched, loop.WATCH] = 1
+            tables.runs_on = [on and j != watched for j, on in enumerate(runs_on)]
+        tables.begin(until, _clock_address() if self.timed else 0)
         try:
-            with self._interruptible():
-                return self._drive(instants, stop)
+            with self._interruptible(tables):
+                return self._drive(tables, instants, stop)
         finally:
-            self._runs_on = runs_on
-            self._slots[:, loop.WATCH] = 0
-            for port, count in zip(self._checked, self._checks[:, loop.C_COUNT] - stale_before, strict=True):
+            tables.runs_on = runs_on
+            tables.slots[:, loop.WATCH] = 0
+            more: list[int] = (tables.checks[:, loop.C_COUNT] - stale_before).tolist()
+            for count, port in zip(more, tables.checked, strict=True):
                 if count > 0 and port.on_stale == "warn":
-                    age = f"older than {text(port.max_age)} at {count} steps"
+                    age = f"older than {text(port.max_age or 0)} at {count} steps"
                     warnings.warn(f"{port}: the message of {port.source} was {age}", StaleWarning, stacklevel=4)
 
-    def _drive(self, instants: int, stop: Stop | None) -> bool:
+    def _drive(self, tables: Tables, instants: int, stop: Stop | None) -> bool:
         """Run in slices of some milliseconds, so that Ctrl-C is heard."""
-        cursor = self._cursor_view
+        now = tables.now
         size, left, enough = 64, instants, False
         while True:
-            begun = cursor[loop.LEFT] = 0 if enough or self._stop_requested else min(size, left)
+            begun = now[loop.LEFT] = 0 if enough or self._stop_requested else min(size, left)
             started = time.perf_counter()
-            why = self._run_slice()
-            left -= begun - cursor[loop.LEFT]
+            why = self._run_slice(tables)
+            left -= begun - now[loop.LEFT]
             if why == loop.WATCHED:
                 assert stop is not None
                 message = stop[0].latest()
                 enough = enough or (message is not None and bool(stop[1](message)))
             elif self._stop_requested:
-                self.t_ns = max(self.t_ns, cursor[loop.INSTANT])
+                self.t_ns = max(self.t_ns, now[loop.INSTANT])
                 raise KeyboardInterrupt
             elif why == loop.DONE or enough or left <= 0:
                 return why != loop.DONE or enough
@@ -288,62 +218,62 @@ class Simulation:
             else:
                 size = max(size // 2, 1)
 
-    def _run_slice(self) -> int:
+    def _run_slice(self, tables: Tables) -> int:
         """Run the instants left in the cursor, Python modules included, until the loop says anything else."""
-        cursor, modules, runs_on = self._cursor_view, self.modules, self._runs_on
+        now, modules, runs_on = tables.now, tables.modules, tables.runs_on
         while True:
-            why = self._loop()
-            slot, t_ns = cursor[loop.SLOT], cursor[loop.INSTANT]
+            why = tables.run()
+            slot, t_ns = now[loop.SLOT], now[loop.INSTANT]
             if why == loop.PYTHON:
                 try:
-                    if self.timed or self._objects[slot] or not COMPILE:
-                        self._step_watched(slot, t_ns)
+                    if self.timed or tables.objects[slot] or not COMPILE:
+                        self._step_watched(tables, slot, t_ns)
                     else:
                         modules[slot].step(t_ns)
                         while runs_on[slot]:
                             slot += 1
                             modules[slot].step(t_ns)
                 except BaseException as error:
-                    cursor[loop.SLOT], cursor[loop.PHASE] = slot, loop.BEFORE
+                    now[loop.SLOT], now[loop.PHASE] = slot, loop.BEFORE
                     if isinstance(error, Exception):
                         raise self._module_error(modules[slot], t_ns, error) from error
                     raise
-                cursor[loop.SLOT] = slot
+                now[loop.SLOT] = slot
             elif why == loop.FULL:
-                self._recordings[self._slots[slot, loop.RECORD] + cursor[loop.ITEM]].grow()
+                tables.recordings[tables.slots[slot, loop.RECORD] + now[loop.ITEM]].grow()
             elif why == loop.FAILED:
-                self._explain(modules[slot], t_ns)
+                self._explain(tables, modules[slot], t_ns)
             elif why == loop.STALE:
-                port = self._checked[self._slots[slot, loop.CHECK] + cursor[loop.ITEM]]
-                cursor[loop.ITEM] = 0
-                age = f"{text(t_ns - port.t_ns)} old at t = {text(t_ns)}, accepted are {text(port.max_age)}"
+                port = tables.checked[int(tables.slots[slot, loop.CHECK]) + now[loop.ITEM]]
+                now[loop.ITEM] = 0
+                age = f"{text(t_ns - port.t_ns)} old at t = {text(t_ns)}, accepted are {text(port.max_age or 0)}"
                 raise StaleError(f"{port}: the message of {port.source} is {age}")
             else:
                 return why
 
-    def _step_watched(self, slot: int, t_ns: int) -> None:
-        """Step one Python module with all that can be asked for: timing, object recordings, uncompiled kernels."""
-        module = self.modules[slot]
+    def _step_watched(self, tables: Tables, slot: int, t_ns: int) -> None:
+        """Step one module from Python with all that can be asked for: timing, object recordings, plain kernels."""
+        module = tables.modules[slot]
         started = time.perf_counter_ns()
         if isinstance(module, KernelModule):
             module.step_uncompiled(t_ns)
         else:
             module.step(t_ns)
         if self.timed:
-            self._slots[slot, [loop.WALL, loop.CALLS]] += time.perf_counter_ns() - started, 1
-        for recording in self._objects[slot]:
+            tables.slots[slot, [loop.WALL, loop.CALLS]] += time.perf_counter_ns() - started, 1
+        for recording in tables.objects[slot]:
             recording.keep_object(t_ns)
 
     def _module_error(self, module: Module, t_ns: int, error: Exception) -> ModuleError:
         what = f"{type(module).__name__} {module.name!r} failed at t = {text(t_ns)}"
         return ModuleError(f"{what}: {type(error).__name__}: {error}")
 
-    def _explain(self, module: Module, t_ns: int) -> None:
+    def _explain(self, tables: Tables, module: Module, t_ns: int) -> None:
         """Raise what a failed kernel raised: put back the rows it had written and run it again uncompiled."""
         from fsw.compiler import entry_of
 
         assert isinstance(module, KernelModule)
-        entry_of(type(module)).undo(self._pointers_of[module], module.kernel_rows())
+        entry_of(type(module)).undo(tables.pointers[module], module.kernel_rows())
         try:
             module.step_uncompiled(t_ns)
         except Exception as error:
@@ -351,7 +281,7 @@ class Simulation:
         raise self._module_error(module, t_ns, RuntimeError("raised when compiled, but not when run as plain Python"))
 
     @contextmanager
-    def _interruptible(self) -> Generator[None]:
+    def _interruptible(self, tables: Tables) -> Generator[None]:
         """Turn the first Ctrl-C into a request to stop after the instant; a second one interrupts at once."""
         self._stop_requested = False
         ours = threading.current_thread() is threading.main_thread()
@@ -363,7 +293,7 @@ class Simulation:
             if self._stop_requested:
                 raise KeyboardInterrupt
             self._stop_requested = True
-            self._cursor_view[loop.LEFT] = 0
+            tables.now[loop.LEFT] = 0
 
         signal.signal(signal.SIGINT, request)
         try:
@@ -379,11 +309,10 @@ class Simulation:
 
     def snapshot(self) -> Snapshot:
         """A copy of everything that a run can change; continuing from it is bit-identical."""
-        if self._arena is None:
-            self._prepare()
-        assert self._arena is not None
-        tasks, cursor = self._tasks[:, loop.NEXT].copy(), self._cursor.copy()
-        return Snapshot(self.t_ns, self._layout(), self._arena.copy(), tasks, cursor, [m.saved() for m in self.modules])
+        tables = self._prepare()
+        modules = [m.saved() for m in self.modules]
+        times = tables.tasks[:, loop.NEXT].copy(), tables.cursor.copy()
+        return Snapshot(self.t_ns, self._layout(), self._arena.copy(), *times, modules)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go (back) to a snapshot; recordings forget what came after it.
@@ -391,12 +320,11 @@ class Simulation:
         Raises:
             ValueError: if the snapshot is of a simulation with other tasks, modules or message layouts.
         """
-        self._prepare()
+        tables = self._prepare()
         if snapshot.layout != self._layout():
             raise ValueError("the snapshot is of another simulation: tasks, modules or row layouts differ")
-        assert self._arena is not None
         self._arena[:] = snapshot.arena
-        self._tasks[:, loop.NEXT], self._cursor[:] = snapshot.next_ns, snapshot.cursor
+        tables.tasks[:, loop.NEXT], tables.cursor[:] = snapshot.next_ns, snapshot.cursor
         self.t_ns = snapshot.t_ns
         for module, saved in zip(self.modules, snapshot.modules, strict=True):
             module.load(saved)
@@ -411,14 +339,17 @@ class Simulation:
 
     def timing(self) -> list[Timing]:
         """Wall time of each task and module since the start, as far as `timed` was set."""
+        slots = self._prepare().slots
         found: list[Timing] = []
         slot = 0
         for task in self.tasks:
-            rows = self._slots[slot : slot + len(task.modules)]
+            rows = slots[slot : slot + len(task.modules)]
             slot += len(task.modules)
             calls, wall = rows[:, loop.CALLS], rows[:, loop.WALL]
             found.append(Timing(task.name, "", int(calls.max(initial=0)), int(wall.sum())))
-            found += [Timing(task.name, m.name, int(c), int(w)) for m, c, w in zip(task.modules, calls, wall, strict=True)]
+            found += [
+                Timing(task.name, m.name, int(c), int(w)) for m, c, w in zip(task.modules, calls, wall, strict=True)
+            ]
         return found
 
 

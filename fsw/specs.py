@@ -110,8 +110,10 @@ class Spec:
         for name, row in self.tables[CRITERIA].items():
             value = f"{measured[name]:.2g}" if name in measured else old.get(name, {}).get("measured", "-")
             lines.append(f"| {name} | {value} | {row['tolerance']} |")
-        prose = [x for x in self.sections[RESULTS].splitlines() if not x.startswith("|") and x != "none"]
-        section = f"## {RESULTS}\n\n" + "\n".join([*lines, *prose]).rstrip() + "\n\n"
+        prose = "\n".join(
+            x for x in self.sections[RESULTS].splitlines() if not x.startswith("|") and x != "none"
+        ).strip()
+        section = "\n".join([f"## {RESULTS}", "", *lines, *(["", prose] if prose else []), "", ""])
         old_section = rf"(?ms)^## {RESULTS} *\n.*?(?=^## |\Z)"
         text = re.sub(old_section, lambda _: section, self.path.read_text(encoding="utf-8"))
         with atomic(self.path) as temporary:
@@ -166,8 +168,9 @@ def _criterion_fault(criterion: str, row: dict[str, str], root: Path) -> str | N
 
 
 def module_folders(root: Path) -> list[Path]:
-    """Every module folder of a repository: those under modules/ and sim/ with a module.py."""
-    return sorted(p.parent for top in ("modules", "sim") for p in (root / top).rglob("module.py"))
+    """Every module folder of a repository: those under modules/ and sim/ with a module.py or a SPEC.md."""
+    tops, files = ("modules", "sim"), ("module.py", "SPEC.md")
+    return sorted({path.parent for top in tops for file in files for path in (root / top).rglob(file)})
 
 
 def class_of(folder: Path, root: Path) -> type[Module]:

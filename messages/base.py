@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 import typing
-from typing import Annotated, Any, dataclass_transform
+from typing import Annotated, Any, cast, dataclass_transform
 
 import msgspec
 import numpy as np
@@ -102,8 +102,8 @@ class RecordMeta(msgspec.StructMeta):
 
     def __new__(mcls, name: str, bases: Any, ns: Any, **options: Any) -> Any:
         """Create the class with the options that all records share."""
-        fixed = {"frozen": True, "kw_only": True, "eq": False, "gc": False}
-        return super().__new__(mcls, name, bases, ns, **{**fixed, **options})
+        fixed: Any = {"frozen": True, "kw_only": True, "eq": False, "gc": False, **options}
+        return super().__new__(mcls, name, bases, ns, **fixed)
 
 
 class Record(msgspec.Struct, metaclass=RecordMeta):
@@ -131,13 +131,13 @@ class ObjectMessage(Record):
     def __post_init__(self) -> None:
         """Make arrays read-only."""
         for field in fields_of(type(self)):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                msgspec.structs.force_setattr(self, field.name, _frozen(value.view()))
+            value: Any = getattr(self, field.name)
+            if type(value) is np.ndarray:
+                msgspec.structs.force_setattr(self, field.name, _frozen(np.asarray(value).view()))
 
 
 def _field(owner: type[Record], name: str, hint: Any, default: Any) -> Field:
-    notes = list(getattr(hint, "__metadata__", ()))
+    notes: list[Any] = list(getattr(hint, "__metadata__", ()))
     base = hint.__origin__ if notes else hint
     texts = [n for n in notes if isinstance(n, str)]
     if len(texts) != 2:
@@ -209,9 +209,8 @@ def _check_limits(owner: Record, field: Field, value: Any) -> None:
         _refuse(owner, field, f"{value}, which is not {limit}")
 
 
-def _check_scalar(owner: Record, field: Field, value: Any) -> Any:
-    if isinstance(value, np.generic):
-        value = value.item()
+def _check_scalar(owner: Record, field: Field, given: Any) -> Any:
+    value = cast(Any, given.item() if isinstance(given, np.generic) else given)
     accepted = {"float": (float, int), "int": (int,), "bool": (bool,)}[field.kind]
     if not isinstance(value, accepted) or (isinstance(value, bool) and field.kind != "bool"):
         _refuse(owner, field, f"{type(value).__name__} {str(value)[:60]}")
@@ -248,7 +247,9 @@ def _validator(kind: type[Record]) -> Any:
         else:
             good = f"type(v) is {python_type[f.kind]}" + (" and finite(v)" if f.kind == "float" else "")
             slow = f.bound is not None or f.kind == "int"
-            source += f"    if {'True' if slow else f'not ({good})'}: put(record, '{f.name}', scalar(record, f{i}, v))\n"
+            source += (
+                f"    if {'True' if slow else f'not ({good})'}: put(record, '{f.name}', scalar(record, f{i}, v))\n"
+            )
     exec(source, names)
     return names["validate"]
 
@@ -264,4 +265,10 @@ def json_schema(kind: type[Record]) -> dict[str, Any]:
         properties[f.name] = {**item, "unit": f.unit, "description": f.description}
     required = [f.name for f in fields_of(kind) if f.default is msgspec.NODEFAULT]
     text = (kind.__doc__ or "").strip().split("\n")[0]
-    return {"title": kind.__name__, "description": text, "type": "object", "properties": properties, "required": required}
+    return {
+        "title": kind.__name__,
+        "description": text,
+        "type": "object",
+        "properties": properties,
+        "required": required,
+    }

@@ -19,4 +19,6 @@ class IMUSensorMsg(Message):
     """Angular rate and non-gravitational acceleration measured by an inertial unit, means since its last message."""
 
     omega_PN_P: Annotated[Vec3, "rad/s", "angular velocity of the case P relative to N, P components"]
-    accel_P: Annotated[Vec3, "m/s^2", "non-gravitational acceleration, P components; NaN without accelerometers", NanOk()]
+    accel_P: Annotated[
+        Vec3, "m/s^2", "non-gravitational acceleration, P components; NaN without accelerometers", NanOk()
+    ]

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from fsw import (
-    Bound,
     F64,
+    Bound,
     In,
     KernelModule,
     Message,
@@ -190,7 +190,9 @@ def test_a_kernel_that_raises_stops_with_its_name_time_and_traceback(at: int) ->
     before, source = Source("before"), Source("source", Source.Params(fail_at=at))
     record = source.out_count.record()
     sim = run_alone(before, source)
-    with pytest.raises(ModuleError, match=rf"Source 'source' failed at t = {at - 1} s: ValueError: the limit") as caught:
+    with pytest.raises(
+        ModuleError, match=rf"Source 'source' failed at t = {at - 1} s: ValueError: the limit"
+    ) as caught:
         sim.run_until(s(10))
     frames: list[str] = []
     trace = caught.value.__cause__.__traceback__ if caught.value.__cause__ else None
@@ -246,7 +248,9 @@ def test_a_stale_input_is_an_error() -> None:
     once, fussy = Once("once"), Fussy("fussy")
     once.out_count.connect(fussy.in_count)
     sim = run_alone(once, fussy)
-    with pytest.raises(StaleError, match=r"fussy\.in_count: the message of once\.out_count is 2 s old at t = 2 s, accepted are 1 s"):
+    with pytest.raises(
+        StaleError, match=r"fussy\.in_count: the message of once\.out_count is 2 s old at t = 2 s, accepted are 1 s"
+    ):
         sim.run_until(s(10))
 
 
@@ -408,9 +412,11 @@ def test_concrete_modules_are_final(body: str) -> None:
 
 
 def test_a_kernel_must_name_every_port() -> None:
-    with pytest.raises(TypeError, match=r"expected arguments \(t_ns, params, state, in_count\), got \(t_ns, params, state\)"):
+    with pytest.raises(
+        TypeError, match=r"expected arguments \(t_ns, params, state, in_count\), got \(t_ns, params, state\)"
+    ):
 
-        class Forgetful(KernelModule):  # pyright: ignore[reportUnusedClass]
+        class Forgetful(KernelModule):
             """Forgets its input."""
 
             in_count = In(CountMsg)
@@ -423,7 +429,7 @@ def test_a_kernel_must_name_every_port() -> None:
 def test_a_kernel_cannot_read_objects() -> None:
     with pytest.raises(TypeError, match=r"Seeing\.in_image: PictureMsg: an object message is for Python modules"):
 
-        class Seeing(KernelModule):  # pyright: ignore[reportUnusedClass]
+        class Seeing(KernelModule):
             """Sees."""
 
             in_image = In(PictureMsg)
@@ -449,5 +455,7 @@ def test_parameters_of_another_module_are_refused() -> None:
 @pytest.mark.skipif(not COMPILE, reason="this is the compiled side of the pair")
 def test_everything_above_holds_uncompiled() -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", __file__]
-    done = subprocess.run(command, env={**os.environ, "FSW_COMPILE": "0"}, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        command, check=False, env={**os.environ, "FSW_COMPILE": "0"}, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fsw import (
+    F64,
     I64,
     Bound,
-    F64,
     Mat3,
     Message,
     NanOk,
@@ -41,7 +41,7 @@ class PictureMsg(ObjectMessage):
     image: Annotated[Any, "-", "pixels"]
 
 
-GOOD = {"r_BN_N": [1.0, 2.0, 3.0]}
+GOOD: Any = {"r_BN_N": [1.0, 2.0, 3.0]}
 
 
 def test_a_message_is_immutable_and_owns_its_arrays() -> None:
@@ -91,7 +91,7 @@ def test_a_view_of_a_writable_array_is_copied() -> None:
     ],
 )
 def test_wrong_values_are_refused_by_name(wrong: dict[str, Any], words: list[str]) -> None:
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match="expected") as caught:
         SampleMsg(**{**GOOD, **wrong})
     for word in words:
         assert word in str(caught.value)
@@ -151,7 +151,7 @@ def test_json_schema_says_shapes_units_and_what_is_required() -> None:
 )
 def test_a_bad_declaration_is_named(annotation: Any, words: str) -> None:
     class BadMsg(Record):
-        x: annotation
+        x: annotation  # pyright: ignore[reportInvalidTypeForm]
 
     with pytest.raises(TypeError, match=r"BadMsg\.x") as caught:
         fields_of(BadMsg)

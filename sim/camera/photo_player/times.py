@@ -13,6 +13,9 @@ F64 = NDArray[np.float64]
 _SHORTEST_S = 3.0
 """An even cadence with a period below this would fit almost any stamps, so none is looked for."""
 
+_LONGEST_GAP_S = 300.0
+"""Over a longer gap it is not known how often the shutter went."""
+
 _FEWEST = 4
 """With fewer photos than this any stamps look even."""
 
@@ -29,8 +32,8 @@ class Times(msgspec.Struct, frozen=True):
 
     Attributes:
         t_s: (n,) best estimate, s. sigma_s: (n,) standard deviation, s. earliest_s, latest_s: (n,) bounds, s.
-        cadence: the even cadence found, or None; then every time is the middle of its bounds.
-        counts: (n,) shutter counts relative to the first photo, in units of the cadence; zeros without one.
+        cadence: the even cadence found (of the most photos, if several were), or None.
+        even: (n,) whether the time comes from an even cadence; otherwise it is the middle of its bounds.
     """
 
     t_s: F64
@@ -38,7 +41,7 @@ class Times(msgspec.Struct, frozen=True):
     earliest_s: F64
     latest_s: F64
     cadence: Cadence | None
-    counts: NDArray[np.int64]
+    even: NDArray[np.bool_]
 
 
 def _start_range(earliest: F64, latest: F64, counts: F64, period: F64) -> tuple[F64, F64]:
@@ -95,15 +98,39 @@ def _periods(shortest_gap: float, hint: Cadence | None) -> F64:
     return grid[grid >= _SHORTEST_S]
 
 
+def _evenly(earliest: F64, latest: F64, hint: Cadence | None) -> tuple[F64, F64, Cadence, NDArray[np.int64]] | None:
+    """Times, sigmas, cadence and counts of distinct stamps in order, if they agree with an even cadence."""
+    gaps = np.diff(earliest)
+    if len(earliest) < (2 if hint else _FEWEST):
+        return None
+    found = _counts(earliest, latest, _periods(float(gaps.min()), hint))
+    if found is None:
+        return None
+    counts, period = found
+    reach = 2.0 * float(np.max(latest - earliest)) / float(counts.max())
+    grid = np.linspace(period - reach, period + reach, 8001)
+    weights = np.ones_like(grid)
+    if hint is not None:
+        parts = max(1, round(hint.period_s / period))
+        weights = np.exp(-0.5 * ((grid * parts - hint.period_s) / max(hint.sigma_s, 1e-4)) ** 2)
+    line = line_within(earliest, latest, counts.astype(float), grid, weights)
+    if line is None:
+        return None
+    mean, cov = line
+    sigma = np.sqrt(cov[0, 0] + 2.0 * counts * cov[0, 1] + counts * counts * cov[1, 1])
+    return mean[0] + mean[1] * counts, sigma, Cadence(float(mean[1]), float(np.sqrt(cov[1, 1]))), counts
+
+
 def estimate_times(stamps_s: Sequence[float], resolution_s: Sequence[float], hint: Cadence | None = None) -> Times:
     """Times of photos from their stamps, all in s after any common origin, in any order.
 
-    Each photo was taken in [stamp, stamp + resolution). If four photos or more agree with an even cadence, the
-    estimate is the mean of all (start, period) that agree with all stamps; otherwise the middle of each interval.
+    Each photo was taken in [stamp, stamp + resolution). If four photos or more, without a gap of five minutes, agree
+    with an even cadence, the estimate is the mean of all (start, period) that agree with all of their stamps; otherwise
+    it is the middle of each interval. Photos with the same stamp get the same time.
 
     Args:
         stamps_s: (n,) stamps. resolution_s: (n,) lengths of the intervals.
-        hint: a cadence known before (then fewer photos suffice).
+        hint: a cadence known before (then two photos suffice).
 
     Raises:
         ValueError: if the lengths differ or there is no photo.
@@ -113,28 +140,18 @@ def estimate_times(stamps_s: Sequence[float], resolution_s: Sequence[float], hin
     if earliest.ndim != 1 or earliest.shape != latest.shape or not len(earliest):
         raise ValueError(f"expected as many stamps as resolutions, at least one, got shape {earliest.shape}")
     middle, spread = 0.5 * (earliest + latest), (latest - earliest) / np.sqrt(12.0)
-    plain = Times(middle, spread, earliest, latest, None, np.zeros(len(middle), np.int64))
-    order = np.argsort(earliest, kind="stable")
-    gaps = np.diff(earliest[order])
-    if len(middle) < (2 if hint else _FEWEST) or np.any(gaps <= 0.0):
-        return plain
-    found = _counts(earliest[order], latest[order], _periods(float(gaps.min()), hint))
-    if found is None:
-        return plain
-    counts, period = np.zeros(len(middle)), found[1]
-    counts[order] = found[0]
-    reach = 2.0 * float(np.max(latest - earliest)) / float(counts.max())
-    grid = np.linspace(period - reach, period + reach, 8001)
-    weights = np.ones_like(grid)
-    if hint is not None:
-        expected = hint.period_s / max(1, round(hint.period_s / period))
-        scale = hint.sigma_s * expected / hint.period_s
-        weights = np.exp(-0.5 * ((grid - expected) / max(scale, 1e-4)) ** 2)
-    line = line_within(earliest, latest, counts, grid, weights)
-    if line is None:
-        return plain
-    mean, cov = line
-    t = mean[0] + mean[1] * counts
-    sigma = np.sqrt(cov[0, 0] + 2.0 * counts * cov[0, 1] + counts * counts * cov[1, 1])
-    cadence = Cadence(float(mean[1]), float(np.sqrt(cov[1, 1])))
-    return Times(t, sigma, earliest, latest, cadence, counts.astype(np.int64))
+    times = Times(middle, spread, earliest, latest, None, np.zeros(len(middle), bool))
+    distinct, first, back = np.unique(earliest, return_index=True, return_inverse=True)
+    group = np.concatenate([[0], np.cumsum(np.diff(distinct) > _LONGEST_GAP_S)])
+    most = 0
+    for g in range(int(group[-1]) + 1):
+        members = np.flatnonzero(group == g)
+        line = _evenly(distinct[members], latest[first[members]], hint)
+        if line is None:
+            continue
+        for place, i in enumerate(members):
+            photos = np.flatnonzero(back == i)
+            times.t_s[photos], times.sigma_s[photos], times.even[photos] = line[0][place], line[1][place], True
+        if len(members) > most:
+            most, times = len(members), msgspec.structs.replace(times, cadence=line[2])
+    return times

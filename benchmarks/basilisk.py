@@ -1,0 +1,196 @@
+"""Basilisk's side of each comparison."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from benchmarks.closed_loop import Case
+
+PERIOD_NS = 100_000_000
+
+
+def new_simulation(period_ns: int = PERIOD_NS) -> Any:
+    """A Basilisk simulation with one process "p" and one task "t"."""
+    from Basilisk.utilities import SimulationBaseClass
+
+    sim = SimulationBaseClass.SimBaseClass()
+    sim.CreateNewProcess("p").addTask(sim.CreateNewTask("t", period_ns))
+    return sim
+
+
+def _module(kind: str, previous: Any) -> Any:
+    """One module; a Python relay reads the message ``previous``."""
+    from Basilisk.architecture import messaging, sysModel
+
+    if kind == "extForceTorque":
+        from Basilisk.simulation import extForceTorque
+
+        return extForceTorque.ExtForceTorque()
+    if kind == "rateMsgConverter":
+        from Basilisk.fswAlgorithms import rateMsgConverter
+
+        module = rateMsgConverter.rateMsgConverter()
+        module.imuRateInMsg.subscribeTo(previous)
+        return module
+
+    class Nothing(sysModel.SysModel):
+        def UpdateState(self, CurrentSimNanos: int) -> None:
+            return
+
+    class Relay(sysModel.SysModel):
+        """The pattern that Basilisk's manual gives for Python modules."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.dataInMsg = messaging.CModuleTemplateMsgReader()
+            self.dataOutMsg = messaging.CModuleTemplateMsg()
+
+        def UpdateState(self, CurrentSimNanos: int) -> None:
+            vector = self.dataInMsg().dataVector
+            payload = messaging.CModuleTemplateMsgPayload()
+            payload.dataVector = [vector[0], vector[1], vector[2]]
+            self.dataOutMsg.write(payload, CurrentSimNanos, self.moduleID)
+
+    if kind == "python":
+        return Nothing()
+    relay = Relay()
+    relay.dataInMsg.subscribeTo(previous)
+    return relay
+
+
+def trivial(kind: str, count: int, ticks: int) -> Callable[[], float]:
+    """A case: nanoseconds for each tick of ``count`` modules of a kind."""
+    from Basilisk.architecture import messaging
+
+    sim = new_simulation()
+    if kind == "python_relay":
+        previous: Any = messaging.CModuleTemplateMsg().write(messaging.CModuleTemplateMsgPayload())
+    else:
+        previous = messaging.IMUSensorBodyMsg().write(messaging.IMUSensorBodyMsgPayload())
+    keep: list[Any] = [previous]
+    for i in range(count):
+        module = _module(kind, previous)
+        module.ModelTag = f"m{i}"
+        sim.AddModelToTask("t", module)
+        if kind == "python_relay":
+            previous = module.dataOutMsg
+        keep.append(module)
+    sim.InitializeSimulation()
+    end = 10 * PERIOD_NS
+    sim.ConfigureStopTime(end)
+    sim.ExecuteSimulation()
+
+    def run() -> float:
+        nonlocal end
+        assert keep
+        end += ticks * PERIOD_NS
+        sim.ConfigureStopTime(end)
+        started = time.perf_counter_ns()
+        sim.ExecuteSimulation()
+        return (time.perf_counter_ns() - started) / ticks
+
+    return run
+
+
+class ClosedLoop:
+    """The graph of `benchmarks.closed_loop` in Basilisk: same order, same values, same delay of the torque.
+
+    Args:
+        case: initial state and parameters. noise: of the sensors. record: the outputs at each tick.
+    """
+
+    def __init__(self, case: Case, *, noise: bool, record: bool) -> None:
+        from Basilisk.architecture import messaging
+        from Basilisk.fswAlgorithms import attTrackingError, hillPoint, mrpFeedback
+        from Basilisk.simulation import extForceTorque, imuSensor, simpleNav, spacecraft, starTracker
+
+        self.sim = new_simulation(case.period_ns)
+        self.end = 0
+        self.period_ns = case.period_ns
+        self._names = 0
+        self.torque = self._add(extForceTorque.ExtForceTorque())
+        self.spacecraft = craft = self._add(spacecraft.Spacecraft())
+        craft.addDynamicEffector(self.torque)
+        craft.hub.mHub = case.mass
+        craft.hub.r_BcB_B = [[0.0], [0.0], [0.0]]
+        craft.hub.IHubPntBc_B = case.inertia_B.tolist()
+        craft.hub.r_CN_NInit, craft.hub.v_CN_NInit = case.r_BN_N, case.v_BN_N
+        craft.hub.sigma_BNInit, craft.hub.omega_BN_BInit = case.sigma_BN, case.omega_BN_B
+        self._bodies = _earth(craft, case)
+        nav = self._add(simpleNav.SimpleNav())
+        imu = self._add(imuSensor.ImuSensor())
+        tracker = self._add(starTracker.StarTracker())
+        for sensor in (nav, imu, tracker):
+            sensor.scStateInMsg.subscribeTo(craft.scStateOutMsg)
+        if noise:
+            _noise(nav, imu, tracker)
+        hill = self._add(hillPoint.hillPoint())
+        hill.transNavInMsg.subscribeTo(nav.transOutMsg)
+        self.error = self._add(attTrackingError.attTrackingError())
+        self.error.attNavInMsg.subscribeTo(nav.attOutMsg)
+        self.error.attRefInMsg.subscribeTo(hill.attRefOutMsg)
+        control = self._add(mrpFeedback.mrpFeedback())
+        control.K, control.P, control.Ki = case.gain_K, case.gain_P, -1.0
+        control.guidInMsg.subscribeTo(self.error.attGuidOutMsg)
+        payload = messaging.VehicleConfigMsgPayload(ISCPntB_B=case.inertia_B.ravel().tolist())
+        vehicle = messaging.VehicleConfigMsg().write(payload)
+        control.vehConfigInMsg.subscribeTo(vehicle)
+        self.torque.cmdTorqueInMsg.subscribeTo(control.cmdTorqueOutMsg)
+        self._keep = [nav, imu, tracker, hill, control, vehicle]
+        if record:
+            messages = [craft.scStateOutMsg, nav.transOutMsg, nav.attOutMsg, imu.sensorOutMsg, tracker.sensorOutMsg]
+            messages += [hill.attRefOutMsg, self.error.attGuidOutMsg, control.cmdTorqueOutMsg]
+            self._keep += [self._add(message.recorder()) for message in messages]
+        self.sim.InitializeSimulation()
+
+    def _add(self, module: Any) -> Any:
+        self._names += 1
+        module.ModelTag = f"m{self._names}"
+        self.sim.AddModelToTask("t", module)
+        return module
+
+    def run(self, ticks: int) -> None:
+        """Run ``ticks`` more periods; the instant 0 comes with the first."""
+        self.end += ticks * self.period_ns
+        self.sim.ConfigureStopTime(self.end)
+        self.sim.ExecuteSimulation()
+
+    def final(self) -> dict[str, NDArray[np.float64]]:
+        """Position, velocity (N, m, m/s), attitude and tracking error (MRP) of the newest tick."""
+        state, error = self.spacecraft.scStateOutMsg.read(), self.error.attGuidOutMsg.read()
+        values = {"r_BN_N": state.r_BN_N, "v_BN_N": state.v_BN_N}
+        values |= {"sigma_BN": state.sigma_BN, "sigma_BR": error.sigma_BR}
+        return {name: np.array(value) for name, value in values.items()}
+
+
+def _earth(craft: Any, case: Case) -> Any:
+    """Attach a planet with J2 only; Basilisk takes normalised coefficients."""
+    from Basilisk.simulation import sphericalHarmonicsGravityModel
+    from Basilisk.utilities import simIncludeGravBody
+
+    factory = simIncludeGravBody.gravBodyFactory()
+    earth = factory.createEarth()
+    earth.isCentralBody = True
+    earth.mu = case.mu
+    model = sphericalHarmonicsGravityModel.SphericalHarmonicsGravityModel()
+    model.radEquator, model.muBody, model.maxDeg = case.radius, case.mu, 2
+    model.cBar = [[1.0], [0.0, 0.0], [-case.j2 / math.sqrt(5.0), 0.0, 0.0]]
+    model.sBar = [[0.0], [0.0, 0.0], [0.0, 0.0, 0.0]]
+    earth.gravityModel = model
+    factory.addBodiesTo(craft)
+    return factory
+
+
+def _noise(nav: Any, imu: Any, tracker: Any) -> None:
+    nav.PMatrix, nav.walkBounds = np.diag([1e-6] * 18).tolist(), [1e-4] * 18
+    imu.PMatrixGyro, imu.PMatrixAccel = np.diag([1e-6] * 3).tolist(), np.diag([1e-5] * 3).tolist()
+    imu.setErrorBoundsGyro([1e-4] * 3)
+    imu.setErrorBoundsAccel([1e-3] * 3)
+    tracker.PMatrix, tracker.walkBounds = np.diag([1e-6] * 3).tolist(), [1e-4] * 3

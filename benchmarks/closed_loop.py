@@ -1,0 +1,193 @@
+"""The small closed loop: orbit with J2, rigid body, three sensors with noise, guidance and control, on both sides."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.timing import Line, figure, interleaved
+from fsw import Simulation, Task, ms
+from fsw.math.gravity import J2_EARTH, MU_EARTH, RADIUS_EARTH
+from modules.control.mrp_feedback import MrpFeedback
+from modules.guidance.att_tracking_error import AttTrackingError
+from modules.guidance.hill_point import HillPoint
+from sim.dynamics.spacecraft import Spacecraft
+from sim.scenarios import hill_pointing
+from sim.sensors.gyro import Gyro
+from sim.sensors.simple_nav import SimpleNav
+from sim.sensors.star_tracker import StarTracker
+
+SPEED_BAR = 1.0 / 8.0
+RECORDING_BAR = 0.15
+AGREE_TICKS = 6000
+
+
+class Case(msgspec.Struct, frozen=True):
+    """Initial state and parameters of both sides, SI, in the notation of docs/conventions.md."""
+
+    r_BN_N: NDArray[np.float64]
+    v_BN_N: NDArray[np.float64]
+    sigma_BN: NDArray[np.float64]
+    omega_BN_B: NDArray[np.float64]
+    inertia_B: NDArray[np.float64]
+    mass: float = 750.0
+    mu: float = MU_EARTH
+    radius: float = RADIUS_EARTH
+    j2: float = J2_EARTH
+    gain_K: float = 3.5
+    gain_P: float = 30.0
+    period_ns: int = ms(100)
+
+
+class Side(Protocol):
+    """What can be measured and compared, whichever side it is."""
+
+    def run(self, ticks: int) -> None:
+        """Run ``ticks`` more periods."""
+        ...
+
+    def final(self) -> dict[str, NDArray[np.float64]]:
+        """Position, velocity, attitude and tracking error of the newest tick."""
+        ...
+
+
+def same_case() -> Case:
+    """The case of the scenario `sim.scenarios.hill_pointing`."""
+    state = hill_pointing.build().spacecraft.state
+    motion = {n: np.array(getattr(state, n)) for n in ("r_BN_N", "v_BN_N", "sigma_BN", "omega_BN_B")}
+    return Case(**motion, inertia_B=hill_pointing.INERTIA_B)
+
+
+class Ours:
+    """The graph with the modules of this repository, one task, in the same order as in Basilisk.
+
+    Args:
+        case: initial state and parameters. noise: of the sensors. record: the outputs at each tick.
+    """
+
+    def __init__(self, case: Case, *, noise: bool, record: bool) -> None:
+        params = Spacecraft.Params(
+            inertia_B=case.inertia_B, mass=case.mass, mu=case.mu, radius=case.radius, j2=case.j2
+        )
+        motion = {n: getattr(case, n) for n in ("r_BN_N", "v_BN_N", "sigma_BN", "omega_BN_B")}
+        self.craft = craft = Spacecraft("spacecraft", params, Spacecraft.State(**motion))
+        errors = {"sigma_r": 1e-3, "sigma_v": 1e-3, "sigma_att": 1e-3, "sigma_rate": 1e-3} if noise else {}
+        quiet = {} if noise else {"arw": 0.0, "rrw": 0.0}
+        still = {} if noise else {"sigma_cross": 0.0, "sigma_roll": 0.0}
+        nav = SimpleNav("nav", SimpleNav.Params(**errors))
+        gyro, tracker = Gyro("gyro", Gyro.Params(**quiet)), StarTracker("star_tracker", StarTracker.Params(**still))
+        hill, self.error = HillPoint("hill_point"), AttTrackingError("tracking_error")
+        gains = MrpFeedback.Params(inertia_B=case.inertia_B, K=case.gain_K, P=case.gain_P)
+        control = MrpFeedback("feedback", gains)
+        for port in (nav.in_state, gyro.in_state, tracker.in_state):
+            craft.out_state.connect(port)
+        nav.out_trans.connect(hill.in_trans)
+        nav.out_att.connect(self.error.in_att)
+        hill.out_ref.connect(self.error.in_ref)
+        self.error.out_guid.connect(control.in_guid)
+        control.out_torque.connect(craft.in_torque, delayed=True)
+        self.period_ns = case.period_ns
+        modules = [craft, nav, gyro, tracker, hill, self.error, control]
+        self.sim = Simulation([Task("t", period=case.period_ns, modules=modules)], seed=1)
+        if record:
+            recorded: list[Any] = [craft.out_state, nav.out_trans, nav.out_att, gyro.out_imu, tracker.out_attitude]
+            recorded += [hill.out_ref, self.error.out_guid, control.out_torque]
+            self.recordings = [port.record() for port in recorded]
+
+    def run(self, ticks: int) -> None:
+        """Run ``ticks`` more periods; the instant 0 comes with the first."""
+        self.sim.run_for(ticks * self.period_ns)
+
+    def final(self) -> dict[str, NDArray[np.float64]]:
+        """Position, velocity (N, m, m/s), attitude and tracking error (MRP) of the newest tick."""
+        state, error = self.craft.out_state.latest(), self.error.out_guid.latest()
+        assert state is not None
+        assert error is not None
+        values = {"r_BN_N": state.r_BN_N, "v_BN_N": state.v_BN_N, "sigma_BN": state.sigma_BN}
+        return values | {"sigma_BR": error.sigma_BR}
+
+
+class Scenario:
+    """The scenario itself, whose attitude comes from star tracker and gyro; it has no counterpart in Basilisk."""
+
+    def __init__(self) -> None:
+        self.loop = hill_pointing.build()
+
+    def run(self, ticks: int) -> None:
+        """Run ``ticks`` more periods."""
+        self.loop.sim.run_for(ticks * ms(100))
+
+
+def agreement(ticks: int = AGREE_TICKS, case: Case | None = None) -> dict[str, float]:
+    """Greatest difference of both sides without noise after ``ticks`` periods, by quantity.
+
+    Positions in m, velocities in m/s, attitudes as MRP components. Also the size of our tracking error, "pointing_error".
+    """
+    from benchmarks.basilisk import ClosedLoop
+
+    case = case or same_case()
+    sides: list[Side] = [Ours(case, noise=False, record=False), ClosedLoop(case, noise=False, record=False)]
+    for side in sides:
+        side.run(ticks)
+    own, other = (side.final() for side in sides)
+    found = {name: float(np.max(np.abs(own[name] - other[name]))) for name in own}
+    return found | {"pointing_error": float(4.0 * np.arctan(np.linalg.norm(own["sigma_BR"])))}
+
+
+def timed(run: Callable[[int], None], ticks: int) -> Callable[[], float]:
+    """A case: nanoseconds a tick over the next ``ticks`` periods."""
+
+    def case() -> float:
+        started = time.perf_counter_ns()
+        run(ticks)
+        return (time.perf_counter_ns() - started) / ticks
+
+    return case
+
+
+def measure(repeats: int = 7, scale: float = 1.0, *, basilisk: bool = True) -> list[Line]:
+    """Time a tick, plain and with every output recorded.
+
+    Args:
+        repeats: how often. scale: of the number of ticks, below 1 for a trial. basilisk: measure that side too.
+    """
+    case = same_case()
+    fast, slow = max(int(100_000 * scale), 10), max(int(20_000 * scale), 10)
+
+    def recorded(make: Callable[[], Side], ticks: int) -> Callable[[], float]:
+        """A fresh graph each time, so that what is recorded does not pile up."""
+
+        def run() -> float:
+            side = make()
+            side.run(10)
+            return timed(side.run, ticks)()
+
+        return run
+
+    cases: dict[str, Callable[[], float]] = {
+        "plain": recorded(lambda: Ours(case, noise=True, record=False), fast),
+        "recorded": recorded(lambda: Ours(case, noise=True, record=True), fast),
+        "scenario": timed(Scenario().run, fast),
+    }
+    if basilisk:
+        from benchmarks.basilisk import ClosedLoop
+
+        cases["their plain"] = recorded(lambda: ClosedLoop(case, noise=True, record=False), slow)
+        cases["their recorded"] = recorded(lambda: ClosedLoop(case, noise=True, record=True), slow)
+    samples = interleaved(cases, repeats)
+    own = {name: figure(values) for name, values in samples.items()}
+    theirs = own.get("their plain")
+    ratio = own["plain"].median / theirs.median if theirs else None
+    cost = figure([a / b - 1.0 for a, b in zip(samples["recorded"], samples["plain"], strict=True)])
+    lines = [
+        Line("closed loop, one tick", "ns", own["plain"], theirs, "at least 8 times faster", ratio, SPEED_BAR),
+        Line("closed loop, 8 outputs recorded each tick", "ns", own["recorded"], own.get("their recorded")),
+        Line("cost of recording", "ratio", cost, None, "below 15 %", cost.median, RECORDING_BAR),
+        Line("hill_pointing scenario (with attitude read-out)", "ns", own["scenario"], None),
+    ]
+    return lines

@@ -1,0 +1,65 @@
+"""Fair measuring: all cases take turns, so that a busy moment of the machine meets each of them alike."""
+
+from __future__ import annotations
+
+import gc
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+
+import msgspec
+
+
+class Figure(msgspec.Struct, frozen=True):
+    """Least and median of repeated measurements, in the unit of the line they stand in."""
+
+    least: float
+    median: float
+
+
+class Line(msgspec.Struct, frozen=True):
+    """One line of the result: what was measured, on both sides, and whether it meets its bar.
+
+    ``bar`` is the greatest value accepted of ``judged``, which is the figure of ours or the ratio that ``rule`` names.
+    """
+
+    name: str
+    unit: str
+    ours: Figure | None
+    basilisk: Figure | None
+    rule: str = ""
+    judged: float | None = None
+    bar: float | None = None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the bar is met; None if there is no bar or nothing was measured."""
+        return None if self.bar is None or self.judged is None else self.judged <= self.bar
+
+
+def figure(samples: Sequence[float]) -> Figure:
+    """Summary of some measurements."""
+    return Figure(min(samples), statistics.median(samples))
+
+
+def interleaved(cases: Mapping[str, Callable[[], float]], repeats: int) -> dict[str, list[float]]:
+    """Run every case ``repeats`` times, in turns, after one round that does not count.
+
+    Args:
+        cases: functions that run once and return what they measured, by name. repeats: how often each counts.
+
+    Returns:
+        The measurements by name, in order.
+    """
+    samples: dict[str, list[float]] = {name: [] for name in cases}
+    for turn in range(repeats + 1):
+        for name, case in cases.items():
+            gc.collect()
+            measured = case()
+            if turn:
+                samples[name].append(measured)
+    return samples
+
+
+def slopes(many: Sequence[float], few: Sequence[float], difference: int) -> list[float]:
+    """Cost of one more unit from measurements with many and with few of them, which differ by ``difference`` units."""
+    return [(a - b) / difference for a, b in zip(many, few, strict=True)]

@@ -1,0 +1,162 @@
+"""Reading and checking everything a run needs, before anything is computed."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import erfa
+import msgspec
+import numpy as np
+
+from messages.opnav import CameraConfigMsg
+from messages.orbit import CameraAccuracyMsg
+from modules.estimation.orbit_pose_prior import OrbitError, TleOrbit, require_fresh
+from modules.opnav.maps import GeoMap, MapError
+from sim.camera.photo_player import Cadence, Photo, PhotoError, PlayedPhoto, Times, estimate_times, open_photo
+from sim.scenarios.iss_photos.camera_file import BadInput, read_calibration, read_camera
+from sim.scenarios.iss_photos.options import Options
+
+OLDEST_TLE_DAYS = 10.0
+_SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
+
+
+class Inputs(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything a run needs, checked.
+
+    Attributes:
+        epoch: UTC of simulation time zero. photos, played, times: of the usable photos, in order of time.
+        refused: name of a photo that cannot be used, and why. camera, accuracy, hint: lens, mounting, shutter.
+        orbit: the approximate orbit. geo_map: map and heights.
+    """
+
+    epoch: datetime
+    photos: list[Photo]
+    played: list[PlayedPhoto]
+    times: Times
+    refused: dict[str, str]
+    camera: CameraConfigMsg
+    accuracy: CameraAccuracyMsg | None
+    orbit: TleOrbit
+    geo_map: GeoMap
+
+
+def photo_files(given: tuple[Path, ...]) -> list[Path]:
+    """Photo files named directly or lying in the folders named, in order of name.
+
+    Raises:
+        BadInput: if a path does not exist or a folder holds no photos.
+    """
+    files: list[Path] = []
+    for path in given:
+        if path.is_dir():
+            found = sorted(f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES and not f.name.startswith("."))
+            if not found:
+                raise BadInput(f"folder {path} holds no photos ({', '.join(sorted(_SUFFIXES))})")
+            files += found
+        elif path.exists():
+            files.append(path)
+        else:
+            raise BadInput(f"there is no photo file or folder {path}")
+    return list(dict.fromkeys(files))
+
+
+def _read_photos(files: list[Path], camera: CameraConfigMsg, camera_path: Path) -> tuple[list[Photo], dict[str, str]]:
+    photos: list[Photo] = []
+    refused: dict[str, str] = {}
+    for file in files:
+        try:
+            photo = open_photo(file)
+        except PhotoError as error:
+            refused[str(file)] = str(error)
+            continue
+        if (photo.width_px, photo.height_px) != (camera.width_px, camera.height_px):
+            size, wanted = f"{photo.width_px} x {photo.height_px}", f"{camera.width_px} x {camera.height_px}"
+            refused[str(file)] = f"{file.name} has {size} px, but the camera of {camera_path.name} has {wanted} px"
+            continue
+        photos.append(photo)
+    if not photos:
+        first = next(iter(refused.values()))
+        others = f" (and {len(refused) - 1} more like it)" if len(refused) > 1 else ""
+        raise BadInput(f"no photo can be used: {first}{others}")
+    return sorted(photos, key=lambda p: (p.stamp, p.path.name)), refused
+
+
+def _play_list(photos: list[Photo], epoch: datetime, hint: Cadence | None) -> tuple[list[PlayedPhoto], Times]:
+    stamps = [(p.stamp - epoch).total_seconds() for p in photos]
+    times = estimate_times(stamps, [p.resolution_s for p in photos], hint)
+    used: set[int] = set()
+    played: list[PlayedPhoto] = []
+    for k, photo in enumerate(photos):
+        exposure_ns = round(times.t_s[k] * 1e9)
+        while exposure_ns in used:
+            exposure_ns += 1
+        used.add(exposure_ns)
+        played.append(
+            PlayedPhoto(
+                path=str(photo.path),
+                exposure_ns=exposure_ns,
+                earliest_ns=round(times.earliest_s[k] * 1e9),
+                latest_ns=round(times.latest_s[k] * 1e9),
+                sigma_s=float(times.sigma_s[k]),
+                even=bool(times.even[k]),
+            )
+        )
+    return played, times
+
+
+def _require_coverage(inputs: Inputs, maps: tuple[Path, ...]) -> None:
+    """Refuse maps that lie elsewhere: below no photo, and not within sight of it."""
+    reach = np.radians(4.0)
+    below: list[str] = []
+    for played in inputs.played:
+        r, _ = inputs.orbit.at(played.exposure_ns * 1e-9)
+        lon, lat, _ = erfa.gc2gd(1, r[0])
+        for dlat in np.linspace(-reach, reach, 5):
+            for dlon in np.linspace(-reach, reach, 5) / max(np.cos(lat), 0.05):
+                if inputs.geo_map.covers(float(lat + dlat), float(lon + dlon)):
+                    return
+        below.append(f"{np.degrees(lat):.1f} deg N {np.degrees(lon):.1f} deg E")
+    names = ", ".join(str(m) for m in maps)
+    text = "if that is the right place, give a map of it with --map (and heights with --dem)"
+    raise BadInput(f"map {names} covers nothing within sight of the photos, which were taken over {below[0]}; {text}")
+
+
+def read_inputs(options: Options) -> Inputs:
+    """Read and check everything.
+
+    Raises:
+        BadInput, OrbitError, MapError: with one sentence for a person.
+    """
+    accuracy: CameraAccuracyMsg | None = None
+    hint: Cadence | None = None
+    if options.calibration is None:
+        camera_path, camera = options.camera, read_camera(options.camera)
+    else:
+        camera_path = options.calibration
+        camera, accuracy, hint = read_calibration(camera_path)
+    geo_map = GeoMap.open(options.maps, options.dem)
+    photos, refused = _read_photos(photo_files(options.photos), camera, camera_path)
+    first = photos[0].stamp
+    epoch = first - timedelta(microseconds=first.microsecond)
+    orbit = TleOrbit.open(options.tle, epoch)
+    played, times = _play_list(photos, epoch, hint)
+    for k in (0, -1):
+        require_fresh(orbit, played[k].exposure_ns * 1e-9, OLDEST_TLE_DAYS)
+    inputs = Inputs(
+        epoch=epoch,
+        photos=photos,
+        played=played,
+        times=times,
+        refused=refused,
+        camera=camera,
+        accuracy=accuracy,
+        orbit=orbit,
+        geo_map=geo_map,
+    )
+    _require_coverage(inputs, options.maps)
+    return inputs
+
+
+BAD = (BadInput, OrbitError, MapError, PhotoError)
+"""Errors that are a person's input, and are told in one sentence."""

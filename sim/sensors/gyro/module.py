@@ -1,0 +1,65 @@
+"""Gyro: measured angular rate with angle random walk and rate random walk."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from fsw import Bound, In, KernelModule, Mat3, Out, Record, Row, Stream, Vec3, eye, publish, unseeded, zeros
+from fsw.math.attitude import ep_relative, ep_to_rotvec, mrp_to_ep
+from fsw.math.checks import require_rotation
+from fsw.math.random import normal
+from fsw.math.vectors import mat3, matvec, scale, store3, vec3
+from messages.sensors import IMUSensorMsg
+from messages.states import SCStatesMsg
+
+
+class Gyro(KernelModule):
+    """A three-axis gyro that measures the mean rate between its samples. See SPEC.md."""
+
+    class Params(Record):
+        """Parameters."""
+
+        dcm_PB: Annotated[Mat3, "-", "mounting: maps body to case components"] = eye(3)
+        arw: Annotated[float, "rad/s^0.5", "angle random walk", Bound(ge=0)] = 2.9e-05
+        rrw: Annotated[float, "rad/s^1.5", "rate random walk", Bound(ge=0)] = 2e-08
+
+        def __post_init__(self) -> None:
+            """Check the mounting too."""
+            super().__post_init__()
+            require_rotation(self, "dcm_PB")
+
+    class State(Record):
+        """Bias and the last true attitude."""
+
+        bias_P: Annotated[Vec3, "rad/s", "bias, P components"] = zeros(3)
+        sigma_BN: Annotated[Vec3, "-", "true attitude at the last sample, MRP"] = zeros(3)
+        sample_ns: Annotated[int, "ns", "time of the last sample, -1 before the first"] = -1
+        noise: Stream = unseeded
+
+    in_state = In(SCStatesMsg)
+    out_imu = Out(IMUSensorMsg)
+
+    @staticmethod
+    def kernel(t_ns: int, params: Row, state: Row, in_state: Row, out_imu: Row) -> None:
+        """Take a sample of the newest true state; the first only starts the interval."""
+        if in_state.seq == 0 or in_state.t_ns <= state.sample_ns:
+            return
+        sigma = vec3(in_state.sigma_BN)
+        started, last, last_ns = state.sample_ns >= 0, vec3(state.sigma_BN), state.sample_ns
+        store3(state.sigma_BN, sigma)
+        state.sample_ns = in_state.t_ns
+        if not started:
+            return
+        dt = (in_state.t_ns - last_ns) / 1e9
+        turn = ep_to_rotvec(ep_relative(mrp_to_ep(sigma), mrp_to_ep(last)))
+        rate = matvec(mat3(params.dcm_PB), scale(1.0 / dt, turn))
+        # Farrenkopf's exact discretisation (Eq. 2 and 3 of the spec)
+        white = math.sqrt(params.arw * params.arw / dt + params.rrw * params.rrw * dt / 12.0)
+        walk = params.rrw * math.sqrt(dt)
+        for i in range(3):
+            old = state.bias_P[i]
+            new = old + walk * normal(state.noise)
+            state.bias_P[i] = new
+            out_imu.omega_PN_P[i] = rate[i] + 0.5 * (old + new) + white * normal(state.noise)
+        publish(out_imu, t_ns)
