@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import functools
 import importlib
 import importlib.metadata
 import importlib.util
@@ -210,6 +211,7 @@ def info(args: argparse.Namespace) -> int:
 def parser() -> argparse.ArgumentParser:
     """The arguments of every command, with help."""
     hill = "sim.scenarios.hill_pointing"
+    layout: Any = functools.partial(argparse.RawDescriptionHelpFormatter, max_help_position=26)
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument(
         "--debug", action="store_true", default=argparse.SUPPRESS, help="show the traceback of an error"
@@ -218,18 +220,15 @@ def parser() -> argparse.ArgumentParser:
         prog="fsw",
         parents=[shared],
         description="Compose, check and run simulations of flight software.",
-        epilog=f"First steps:  fsw run {hill}   fsw new-module control/damper   fsw COMMAND --help",
+        epilog=f"First steps:\n  fsw run {hill}\n  fsw new-module control/damper\n  fsw COMMAND --help",
+        formatter_class=layout,
     )
     commands = top.add_subparsers(metavar="COMMAND", required=True)
 
     def add(name: str, action: Callable[[argparse.Namespace], int], text: str, example: str) -> argparse.ArgumentParser:
-        made = commands.add_parser(
-            name,
-            parents=[shared],
-            help=text,
-            description=f"{text[0].upper()}{text[1:]}.",
-            epilog=f"Example:  fsw {example}",
-        )
+        description, epilog = f"{text[0].upper()}{text[1:]}.", f"Example:  fsw {example}"
+        more: dict[str, Any] = {"help": text, "description": description, "epilog": epilog}
+        made = commands.add_parser(name, parents=[shared], formatter_class=layout, **more)
         made.set_defaults(action=action)
         return made
 

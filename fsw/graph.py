@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from fsw import picture
 from fsw.module import Module
 from fsw.ports import In, InPort, Out, OutPort, WiringError
 from fsw.time import text
@@ -40,7 +41,7 @@ class GraphError(Exception):
 class Edge(msgspec.Struct, frozen=True):
     """A connection of two ports ("module.port").
 
-    ``period_ns`` and ``places`` (in `Graph.modules`) are those of writer and reader; the rest is what `latency` returns.
+    ``period_ns`` and ``places`` (in `Graph.modules`) are writer's and reader's; the rest is what `latency` returns.
     """
 
     source: str
@@ -141,12 +142,11 @@ class Graph:
         return None
 
     def _add_module(self, task: Task, module: Any, where: str) -> None:
-        kind: Any = module if isinstance(module, type) else type(module)
-        name = str(kind.__name__)
-        if not issubclass(kind, Module):
-            self._fault("module", where, f"is {module!r}, not a module. Put only modules into a task")
-        elif module is kind:
+        name = str(getattr(module, "__name__", type(module).__name__))
+        if isinstance(module, type) and issubclass(module, Module):
             self._fault("module", where, f"is the class {name}. Write {name}({name.lower()!r})")
+        elif not isinstance(module, Module):
+            self._fault("module", where, f"is {module!r}, not a module. Put only modules into a task")
         elif "_simulation" not in vars(module):
             advice = "Call super().__init__(name, params) first in its __init__"
             self._fault("module", where, f"is a {name} without ports. {advice}")
@@ -155,7 +155,7 @@ class Graph:
         else:
             self.modules.append(module)
             self.tasks.append(task)
-            if module.step.__func__ is Module.step:
+            if type(module).step is Module.step:
                 self._fault("module", module.name, f"has no step. Write step(self, t_ns) in {name}")
             for port in [n for n, value in vars(module).items() if isinstance(value, (In, Out))]:
                 problem = "is declared on the instance, which makes no port"
@@ -165,7 +165,9 @@ class Graph:
         for what, named in (("tasks", tasks), ("modules", self.modules)):
             for name, count in Counter(str(getattr(n, "name", id(n))) for n in named).items():
                 if count > 1:
-                    self._fault("name", name, f"is the name of {count} {what}. Give each its own name, and list it once")
+                    self._fault(
+                        "name", name, f"is the name of {count} {what}. Give each its own name, and list it once"
+                    )
         homes: list[Simulation | None] = [vars(m)["_simulation"] for m in self.modules]
         home = simulation or next((known for known in homes if known), None)
         for module, known in zip(self.modules, homes, strict=True):
@@ -177,7 +179,7 @@ class Graph:
         sound: list[Any] = []
         for name, declared in module.ports.items():
             port: Any = vars(module).get(name)
-            made = InPort if isinstance(declared, In) else OutPort
+            made: Any = InPort if isinstance(declared, In) else OutPort
             if type(port) is not made or port.owner is not module or port.name != name:
                 advice = "Connect with writer.out_x.connect(reader.in_x); assign no ports, copy no modules"
                 self._fault("port", f"{module.name}.{name}", f"was replaced by {port!r}. {advice}")
@@ -200,7 +202,7 @@ class Graph:
                 fitting = [o for o in self._ports if isinstance(o, OutPort) and o.kind is port.kind]
                 example = next((o for o in fitting if o.owner is not port.owner), f"<output of {wanted}>")
                 self._fault("unconnected", port, f"({wanted}) is not connected. Write {example}.connect({port})")
-        elif type(source) is not OutPort or source.kind is not port.kind:
+        elif not isinstance(source, OutPort) or source.kind is not port.kind:
             advice = "Connect with writer.out_x.connect(reader.in_x), and do not set source"
             self._fault("type", port, f"expects {wanted}, but its source was set to {source!r}. {advice}")
         elif id(source.owner) not in self._places:
@@ -216,16 +218,20 @@ class Graph:
             elif id(reader.owner) not in self._places:
                 self._fault("no task", out, f"is read by {reader}, which is in no task. Add {name!r} to a task")
 
-    def _add_edge(self, source: OutPort[Any], port: InPort[Any]) -> None:
+    def _add_edge(self, source: Any, port: InPort[Any]) -> None:
         places = self._places[id(source.owner)], self._places[id(port.owner)]
         writer, reader = (self.tasks[p] for p in places)
         timed = all(_is_time(t.period, 1) and _is_time(t.phase, 0) for t in (writer, reader))
         meet, age, unseen = latency(writer, reader, places[1] <= places[0]) if timed else (True, (0, 0), 0)
-        names, periods = (str(source), str(port), port.kind.__name__), (writer.period, reader.period)
+        names, periods = (
+            (str(source), str(port), port.kind.__name__),
+            (writer.period, reader.period) if timed else (0, 0),
+        )
         self.edges.append(Edge(*names, periods, places, port.delayed, meet, age, unseen))
-        if _is_time(port.max_age, 0) and port.max_age < age[1]:
+        limit = port.max_age
+        if limit is not None and _is_time(limit, 0) and limit < age[1]:
             advice = f"Accept {text(age[1])} or run {source.owner.name!r} more often"
-            self._fault("age", port, f"accepts {text(port.max_age)}, but {source} gets {text(age[1])} old. {advice}")
+            self._fault("age", port, f"accepts {text(limit)}, but {source} gets {text(age[1])} old. {advice}")
 
     def _check_order(self) -> None:
         undeclared: dict[int, list[int]] = {}
@@ -260,13 +266,14 @@ class Graph:
 
     def report(self, format: Literal["text", "json"] = "text") -> str:  # noqa: A002
         """Tasks, connections with type, rates and latency, and faults."""
-        tasks = [
-            {"name": t.name, "period_ns": t.period, "phase_ns": t.phase, "modules": [m.name for m in t.modules if m in self.modules]}
-            for t in dict.fromkeys(self.tasks)
-        ]
         if format == "json":
-            return msgspec.json.encode({"tasks": tasks, "edges": self.edges, "faults": self._faults}).decode()
-        lines = [f"{lane}: {', '.join(modules)}" for lane, modules in picture.lanes(self)]
+            tasks = [(t, [m.name for m in self.modules if m in t.modules]) for t in dict.fromkeys(self.tasks)]
+            shown = [
+                {"name": t.name, "period_ns": t.period, "phase_ns": t.phase, "modules": names} for t, names in tasks
+            ]
+            found = {"tasks": shown, "edges": self.edges, "faults": self._faults}
+            return msgspec.json.format(msgspec.json.encode(found, enc_hook=repr), indent=2).decode()
+        lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in picture.lanes(self)]
         lines += [f"{e.source} -> {e.reader}: {e.label}{', delayed' if e.delayed else ''}" for e in self.edges]
         return "\n".join([*lines, f"{len(self._faults)} faults", *map(str, self._faults)])
 
@@ -281,7 +288,7 @@ def _is_time(value: Any, least: int) -> bool:
 
 def _path(following: dict[int, list[int]], start: int, end: int) -> tuple[int, ...]:
     """Places from ``start`` to ``end`` by the fewest connections; empty if there is no way."""
-    ways, seen = deque([(start,)]), {start}
+    ways, seen = deque[tuple[int, ...]]([(start,)]), {start}
     while ways:
         way = ways.popleft()
         if way[-1] == end:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from html import escape
 from itertools import count, groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fsw.time import text
 
@@ -21,11 +21,15 @@ _STYLE = (
 )
 
 
-def _lanes(graph: Graph) -> list[tuple[str, list[tuple[int, str]]]]:
+def lanes(graph: Graph) -> list[tuple[str, list[tuple[int, str]]]]:
     """Each task's title, and place and title of its modules."""
     named = [(place, f"{m.name} ({type(m).__name__})") for place, m in enumerate(graph.modules)]
-    lanes = groupby(named, key=lambda module: graph.tasks[module[0]])
-    return [(f"{t.name}, every {text(t.period)} from {text(t.phase)}", list(modules)) for t, modules in lanes]
+    tasks = groupby(named, key=lambda module: graph.tasks[module[0]])
+    return [(f"{t.name}, every {_time(t.period)} from {_time(t.phase)}", list(modules)) for t, modules in tasks]
+
+
+def _time(t_ns: Any) -> str:
+    return text(t_ns) if type(t_ns) is int else repr(t_ns)
 
 
 def mermaid(graph: Graph) -> str:
@@ -35,7 +39,7 @@ def mermaid(graph: Graph) -> str:
         return '"' + "".join(c if c.isalnum() or c in " .,:_()" else f"#{ord(c)};" for c in words) + '"'
 
     lines = ["flowchart TB"]
-    for number, (title, modules) in enumerate(_lanes(graph)):
+    for number, (title, modules) in enumerate(lanes(graph)):
         boxes = [f"    m{place}[{quoted(name)}]" for place, name in modules]
         lines += [f"  subgraph t{number}[{quoted(title)}]", *boxes, "  end"]
     arrows = {False: "-->", True: "-.->"}
@@ -50,7 +54,7 @@ def dot(graph: Graph) -> str:
         return "label=" + json.dumps(words, ensure_ascii=False)
 
     lines = ["digraph {", "  node [shape=box]"]
-    for number, (title, modules) in enumerate(_lanes(graph)):
+    for number, (title, modules) in enumerate(lanes(graph)):
         boxes = [f"    m{place} [{label(name)}]" for place, name in modules]
         lines += [f"  subgraph cluster_{number} {{", f"    {label(title)}", *boxes, "  }"]
     style = {False: "solid", True: "dashed"}
@@ -70,8 +74,8 @@ def svg(graph: Graph) -> str:
         ports[e.places[0]][e.backward].setdefault(e.source, "")
         ports[e.places[1]][e.backward][e.reader] = e.label
         wires.setdefault((e.backward, e.source), []).append(e.reader)
-    lanes = _lanes(graph)
-    titles = [title for lane, modules in lanes for title in (lane, *(name for _, name in modules))]
+    rows = lanes(graph)
+    titles = [title for lane, modules in rows for title in (lane, *(name for _, name in modules))]
     pairs = [sum(max((len(p.split(".", 1)[1]) for p in side), default=0) for side in both) + 3 for both in ports]
     box = _CHAR * max([*map(len, titles), *pairs], default=0) + 16
     room = [_CHAR * max((len(t) for both in ports for t in both[side].values()), default=0) + 24 for side in (0, 1)]
@@ -80,7 +84,7 @@ def svg(graph: Graph) -> str:
     bands: list[tuple[int, int]] = []
     at: dict[tuple[bool, str], int] = {}  # height of each port's line
     y = 0
-    for lane, modules in lanes:
+    for lane, modules in rows:
         bands.append((y, 24 + sum(_LINE * max(map(len, ports[place])) + 32 for place, _ in modules)))
         body.append(_text(0, y + 16, lane, "title"))
         y += 24

@@ -88,7 +88,7 @@ class Simulation:
 
     def __init__(self, tasks: Sequence[Task], seed: int = 0) -> None:
         self.tasks, self.seed = list(tasks), seed
-        self.modules: list[Module] = [m for t in self.tasks for m in t.modules]
+        self.modules: list[Module] = [m for t in self.tasks if isinstance(t, Task) for m in t.modules]  # pyright: ignore[reportUnnecessaryIsInstance]
         self.t_ns = 0
         self.timed = False
         self._arena: NDArray[np.uint8] = np.zeros(0, np.uint8)
@@ -101,7 +101,7 @@ class Simulation:
 
     def graph(self) -> Graph:
         """The graph of modules as it is wired now: checks, tables, pictures."""
-        return Graph(self.tasks)
+        return Graph(self.tasks, simulation=self)
 
     def rewired(self) -> None:
         """A module's connections or recordings have changed; the tables are built again before the next run."""
@@ -246,7 +246,7 @@ class Simulation:
             elif why == loop.STALE:
                 port = tables.checked[int(tables.slots[slot, loop.CHECK]) + now[loop.ITEM]]
                 now[loop.ITEM] = 0
-                age = f"{text(t_ns - port.t_ns)} old at t = {text(t_ns)}, accepted are {text(port.max_age or 0)}"
+                age = f"{text(t_ns - (port.t_ns or 0))} old at t = {text(t_ns)}, accepted are {text(port.max_age or 0)}"
                 raise StaleError(f"{port}: the message of {port.source} is {age}")
             else:
                 return why

@@ -168,7 +168,7 @@ def _criterion_fault(criterion: str, row: dict[str, str], root: Path) -> str | N
 
 
 def module_folders(root: Path) -> list[Path]:
-    """Every module folder of a repository: those under modules/ and sim/ with a module.py or a SPEC.md."""
+    """All module folders of a repository: those under modules/ and sim/ with a module.py or a SPEC.md."""
     tops, files = ("modules", "sim"), ("module.py", "SPEC.md")
     return sorted({path.parent for top in tops for file in files for path in (root / top).rglob(file)})
 
@@ -194,6 +194,9 @@ def check(root: Path) -> list[str]:
     owners: dict[str, str] = {}
     for folder in module_folders(root):
         name = folder.relative_to(root).as_posix()
+        if missing := [f for f in ("__init__.py", "module.py", "SPEC.md") if not (folder / f).is_file()]:
+            faults.append(f"{name}: {', '.join(missing)} missing")
+            continue
         try:
             spec, cls = Spec(folder / "SPEC.md"), class_of(folder, root)
         except Exception as error:

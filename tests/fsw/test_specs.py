@@ -217,6 +217,7 @@ def test_folders_that_are_no_modules_are_named(tmp_path: Path, monkeypatch: pyte
     for name, files in {
         "no_spec": {"__init__.py": "", "module.py": ""},
         "no_module": {"__init__.py": "", "SPEC.md": SPEC},
+        "no_class": {"__init__.py": "", "module.py": "", "SPEC.md": SPEC},
         "no_import": {"__init__.py": "import nowhere", "module.py": "", "SPEC.md": SPEC},
         "two_classes": {
             "__init__.py": "from .module import *",
@@ -232,8 +233,9 @@ def test_folders_that_are_no_modules_are_named(tmp_path: Path, monkeypatch: pyte
 
     monkeypatch.setattr(sim, "__path__", [*sim.__path__, str(tmp_path / "sim")])
     found = check(tmp_path)
-    assert len(found) == 4
+    assert len(found) == 5
     assert "sim/spec_faults/no_import: ModuleNotFoundError: No module named 'nowhere'" in found
-    assert any(f.startswith("sim/spec_faults/no_spec: FileNotFoundError") for f in found)
-    assert any("no_module" in f and "it exports none" in f for f in found)
+    assert "sim/spec_faults/no_spec: SPEC.md missing" in found
+    assert "sim/spec_faults/no_module: module.py missing" in found
+    assert any("no_class" in f and "it exports none" in f for f in found)
     assert any("two_classes" in f and "it exports A, B" in f for f in found)

@@ -41,10 +41,8 @@ def advance(y: Motion, h: float, rate: Motion) -> Motion:
 @compiled
 def rk4(y: Motion, h: float, torque: V3, push: V3, body: Body, planet: Planet) -> Motion:
     """One step of ``h`` seconds by the classical fourth-order Runge-Kutta method."""
-    k1 = derivative(y, torque, push, body, planet)
-    k2 = derivative(advance(y, 0.5 * h, k1), torque, push, body, planet)
-    k3 = derivative(advance(y, 0.5 * h, k2), torque, push, body, planet)
-    k4 = derivative(advance(y, h, k3), torque, push, body, planet)
-    # the four slopes are summed before they meet the state, which keeps rounding small
-    outer, inner = advance(k1, 1.0, k4), advance(k2, 1.0, k3)
-    return advance(y, h / 6.0, advance(outer, 2.0, inner))
+    rate = total = derivative(y, torque, push, body, planet)
+    for part, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+        rate = derivative(advance(y, part * h, rate), torque, push, body, planet)
+        total = advance(total, weight, rate)
+    return advance(y, h / 6.0, total)

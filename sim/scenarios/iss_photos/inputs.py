@@ -18,6 +18,7 @@ from sim.scenarios.iss_photos.camera_file import BadInput, read_calibration, rea
 from sim.scenarios.iss_photos.options import Options
 
 OLDEST_TLE_DAYS = 10.0
+_SIGHT_RAD = np.radians(4.0)
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
 
 
@@ -26,7 +27,7 @@ class Inputs(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         epoch: UTC of simulation time zero. photos, played, times: of the usable photos, in order of time.
-        refused: name of a photo that cannot be used, and why. camera, accuracy, hint: lens, mounting, shutter.
+        refused: name of a photo that cannot be used, and why. camera, accuracy: lens, mounting.
         orbit: the approximate orbit. geo_map: map and heights.
     """
 
@@ -105,21 +106,28 @@ def _play_list(photos: list[Photo], epoch: datetime, hint: Cadence | None) -> tu
     return played, times
 
 
-def _require_coverage(inputs: Inputs, maps: tuple[Path, ...]) -> None:
-    """Refuse maps that lie elsewhere: below no photo, and not within sight of it."""
-    reach = np.radians(4.0)
-    below: list[str] = []
-    for played in inputs.played:
-        r, _ = inputs.orbit.at(played.exposure_ns * 1e-9)
-        lon, lat, _ = erfa.gc2gd(1, r[0])
-        for dlat in np.linspace(-reach, reach, 5):
-            for dlon in np.linspace(-reach, reach, 5) / max(np.cos(lat), 0.05):
-                if inputs.geo_map.covers(float(lat + dlat), float(lon + dlon)):
-                    return
-        below.append(f"{np.degrees(lat):.1f} deg N {np.degrees(lon):.1f} deg E")
-    names = ", ".join(str(m) for m in maps)
-    text = "if that is the right place, give a map of it with --map (and heights with --dem)"
-    raise BadInput(f"map {names} covers nothing within sight of the photos, which were taken over {below[0]}; {text}")
+def _in_sight(geo_map: GeoMap, orbit: TleOrbit, t_s: float) -> str | None:
+    """None if the maps cover any place within sight of the station, else where the station is."""
+    lon, lat, _ = erfa.gc2gd(1, orbit.at(t_s)[0][0])
+    for dlat in np.linspace(-_SIGHT_RAD, _SIGHT_RAD, 5):
+        for dlon in np.linspace(-_SIGHT_RAD, _SIGHT_RAD, 5) / max(np.cos(lat), 0.05):
+            if geo_map.covers(float(lat + dlat), float(lon + dlon)):
+                return None
+    return f"{np.degrees(lat):.1f} deg N {np.degrees(lon):.1f} deg E"
+
+
+def _out_of_reach(photo: Photo, orbit: TleOrbit, geo_map: GeoMap, maps: str) -> str | None:
+    """Why orbit or map do not reach a photo, or None."""
+    t_s = (photo.stamp - orbit.epoch).total_seconds()
+    try:
+        require_fresh(orbit, t_s, OLDEST_TLE_DAYS)
+    except OrbitError as error:
+        return str(error)
+    place = _in_sight(geo_map, orbit, t_s)
+    if place is None:
+        return None
+    advice = "if that is the right place, give a map of it with --map (and heights with --dem)"
+    return f"map {maps} covers nothing within sight of {photo.path.name}, which was taken over {place}; {advice}"
 
 
 def read_inputs(options: Options) -> Inputs:
@@ -136,14 +144,22 @@ def read_inputs(options: Options) -> Inputs:
         camera_path = options.calibration
         camera, accuracy, hint = read_calibration(camera_path)
     geo_map = GeoMap.open(options.maps, options.dem)
-    photos, refused = _read_photos(photo_files(options.photos), camera, camera_path)
-    first = photos[0].stamp
+    readable, refused = _read_photos(photo_files(options.photos), camera, camera_path)
+    first = readable[0].stamp
     epoch = first - timedelta(microseconds=first.microsecond)
     orbit = TleOrbit.open(options.tle, epoch)
+    maps = ", ".join(str(m) for m in options.maps)
+    photos: list[Photo] = []
+    for photo in readable:
+        reason = _out_of_reach(photo, orbit, geo_map, maps)
+        if reason is None:
+            photos.append(photo)
+        else:
+            refused[str(photo.path)] = reason
+    if not photos:
+        raise BadInput(refused[str(readable[0].path)])
     played, times = _play_list(photos, epoch, hint)
-    for k in (0, -1):
-        require_fresh(orbit, played[k].exposure_ns * 1e-9, OLDEST_TLE_DAYS)
-    inputs = Inputs(
+    return Inputs(
         epoch=epoch,
         photos=photos,
         played=played,
@@ -154,8 +170,6 @@ def read_inputs(options: Options) -> Inputs:
         orbit=orbit,
         geo_map=geo_map,
     )
-    _require_coverage(inputs, options.maps)
-    return inputs
 
 
 BAD = (BadInput, OrbitError, MapError, PhotoError)

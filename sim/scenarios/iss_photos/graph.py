@@ -1,0 +1,89 @@
+"""The graph of modules, and the rounds in which the photos go through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import msgspec
+
+from fsw import Recording, Simulation, Task, s
+from messages.opnav import LandmarksMsg, PoseFixMsg
+from modules.estimation.orbit_mount_estimator import OrbitMountEstimator
+from modules.estimation.orbit_pose_prior import OrbitPosePrior, TleOrbit
+from modules.estimation.pose_from_landmarks import PoseFromLandmarks
+from modules.opnav.landmark_finder import LandmarkFinder
+from sim.camera.photo_player import PhotoPlayer
+from sim.scenarios.iss_photos.inputs import Inputs
+
+LOWEST_M, HIGHEST_M = 330e3, 480e3
+"""Where the station has been since 2005 (ellipsoidal height), with a margin."""
+
+
+class Run(msgspec.Struct, kw_only=True):
+    """A graph that is ready to play photos: one photo is one step of one second of processing time."""
+
+    player: PhotoPlayer
+    prior: OrbitPosePrior
+    estimator: OrbitMountEstimator
+    simulation: Simulation
+    fixes: Recording[PoseFixMsg]
+    landmarks: Recording[LandmarksMsg]
+
+    def round(self, indices: list[int], attempt: int, tick: Callable[[], None]) -> list[int]:
+        """Play photos once; returns the indices of those that gave no valid fix.
+
+        Args:
+            indices: of the photos. attempt: 0 as predicted, 1 with a wide prior, 2 with the attitude unknown.
+            tick: called after each photo.
+        """
+        self.player.queue(indices, attempt)
+        failed: list[int] = []
+        for i in indices:
+            self.simulation.step()
+            tick()
+            rows = self.fixes.rows()
+            fix = rows[-1] if len(rows) else None
+            if fix is None or fix["exposure_ns"] != self.player.photos[i].exposure_ns or not fix["valid"]:
+                failed.append(i)
+        return failed
+
+
+def build(inputs: Inputs, orbit: TleOrbit | None = None, sigma_shift_m: float = 0.0) -> Run:
+    """Wire player, predictor, finder, pose and estimator.
+
+    Args:
+        inputs: checked inputs; with an accuracy, nothing is calibrated.
+        orbit: another approximate orbit than that of the inputs.
+        sigma_shift_m: standard deviation of a suspected shift of the orbit, m.
+    """
+    orbit = inputs.orbit if orbit is None else orbit
+    player = PhotoPlayer("photo_player", inputs.played)
+    prior_params = OrbitPosePrior.Params(sigma_shift=sigma_shift_m)
+    prior = OrbitPosePrior("orbit_pose_prior", orbit, inputs.camera, inputs.accuracy, prior_params)
+    finder = LandmarkFinder("landmark_finder", geo_map=inputs.geo_map)
+    pose_params = PoseFromLandmarks.Params(altitude_min_m=LOWEST_M, altitude_max_m=HIGHEST_M)
+    pose = PoseFromLandmarks("pose_from_landmarks", pose_params)
+    params = OrbitMountEstimator.Params(calibrate_rounds=2 if inputs.accuracy is None else 0)
+    estimator = OrbitMountEstimator("orbit_mount_estimator", orbit, inputs.camera, inputs.accuracy, params)
+    player.out_time.connect(prior.in_time)
+    player.out_time.connect(estimator.in_time)
+    player.out_image.connect(finder.in_image)
+    prior.out_camera.connect(finder.in_camera)
+    prior.out_camera.connect(pose.in_camera)
+    prior.out_prior.connect(finder.in_prior)
+    prior.out_prior.connect(pose.in_prior)
+    finder.out_landmarks.connect(pose.in_landmarks)
+    finder.out_landmarks.connect(estimator.in_landmarks)
+    pose.out_fix.connect(estimator.in_fix)
+    estimator.out_camera.connect(prior.in_camera, delayed=True)
+    estimator.out_accuracy.connect(prior.in_accuracy, delayed=True)
+    estimator.out_clock.connect(prior.in_clock, delayed=True)
+    task = Task("photos", period=s(1), modules=[player, prior, finder, pose, estimator])
+    return Run(
+        player=player,
+        prior=prior,
+        estimator=estimator,
+        simulation=Simulation([task]),
+        fixes=pose.out_fix.record(),
+        landmarks=finder.out_landmarks.record(),
+    )
