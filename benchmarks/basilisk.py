@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from benchmarks.timing import timed
 
 if TYPE_CHECKING:
     from benchmarks.closed_loop import Case
@@ -53,7 +54,7 @@ def _module(kind: str, previous: Any) -> Any:
             self.dataOutMsg = messaging.CModuleTemplateMsg()
 
         def UpdateState(self, CurrentSimNanos: int) -> None:
-            vector = self.dataInMsg().dataVector
+            vector: Any = self.dataInMsg().dataVector
             payload = messaging.CModuleTemplateMsgPayload()
             payload.dataVector = [vector[0], vector[1], vector[2]]
             self.dataOutMsg.write(payload, CurrentSimNanos, self.moduleID)
@@ -87,16 +88,14 @@ def trivial(kind: str, count: int, ticks: int) -> Callable[[], float]:
     sim.ConfigureStopTime(end)
     sim.ExecuteSimulation()
 
-    def run() -> float:
+    def run(more: int) -> None:
         nonlocal end
         assert keep
-        end += ticks * PERIOD_NS
+        end += more * PERIOD_NS
         sim.ConfigureStopTime(end)
-        started = time.perf_counter_ns()
         sim.ExecuteSimulation()
-        return (time.perf_counter_ns() - started) / ticks
 
-    return run
+    return lambda: timed(run, ticks)
 
 
 class ClosedLoop:

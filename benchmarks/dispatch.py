@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
+import itertools
 from collections.abc import Callable
 from typing import Annotated
 
-from benchmarks.timing import Figure, Line, figure, interleaved, slopes
+from benchmarks.timing import Figure, Line, figure, interleaved, slopes, timed
 from fsw import In, KernelModule, Message, Module, Out, Row, Simulation, Task, Vec3, ms, publish
 
 COMPILED_BAR_NS = 14.0
@@ -96,7 +96,7 @@ def chain(kind: type[Module], count: int) -> Simulation:
         source = PythonSource("source")
         first = [source]
         source.out_vector.connect(vars(modules[0])["in_vector"])
-        for a, b in zip(modules, modules[1:], strict=False):
+        for a, b in itertools.pairwise(modules):
             vars(a)["out_vector"].connect(vars(b)["in_vector"])
     return Simulation([Task("t", period=ms(100), modules=[*first, *modules])])
 
@@ -105,13 +105,7 @@ def ours(kind: type[Module], count: int, ticks: int) -> Callable[[], float]:
     """A case: nanoseconds for each tick of a chain."""
     sim = chain(kind, count)
     sim.run_for(ms(100) * 10)
-
-    def run() -> float:
-        started = time.perf_counter_ns()
-        sim.run_for(ms(100) * ticks)
-        return (time.perf_counter_ns() - started) / ticks
-
-    return run
+    return lambda: timed(lambda n: sim.run_for(ms(100) * n), ticks)
 
 
 def measure(repeats: int = 7, scale: float = 1.0, *, basilisk: bool = True) -> list[Line]:
@@ -135,7 +129,10 @@ def measure(repeats: int = 7, scale: float = 1.0, *, basilisk: bool = True) -> l
             from benchmarks.basilisk import trivial
 
             n = 20 if there.startswith("python") else 200
-            cases |= {f"{name}/their many": trivial(there, n, turns), f"{name}/their one": trivial(there, 1, turns * 10)}
+            cases |= {
+                f"{name}/their many": trivial(there, n, turns),
+                f"{name}/their one": trivial(there, 1, turns * 10),
+            }
     samples = interleaved(cases, repeats)
 
     def summary(name: str, side: str, count: int) -> Figure | None:

@@ -27,7 +27,7 @@ from rich.progress import track
 from rich.table import Table
 
 import messages
-from fsw import compiler, scaffold, specs
+from fsw import cache, compiler, scaffold, specs
 from fsw.graph import Graph
 from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule
@@ -57,7 +57,7 @@ def build(scenario: str) -> tuple[Simulation, Graph]:
     """The simulation that the scenario's ``build()`` returns, and its graph with all wiring faults."""
     locate(scenario)
     if scenario.endswith(".py"):
-        spec = importlib.util.spec_from_file_location(Path(scenario).stem, scenario)
+        spec = importlib.util.spec_from_file_location(f"scenario_{Path(scenario).stem}", scenario)
         assert spec is not None and spec.loader is not None
         module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -83,6 +83,7 @@ def root_folder() -> Path:
     """The repository that holds the current folder."""
     for folder in (Path.cwd(), *Path.cwd().parents):
         if all((folder / name).exists() for name in ("pyproject.toml", "modules", "sim", "tests")):
+            sys.path.insert(0, str(folder))  # its modules are the ones to import
             return folder
     raise UsageError("the current folder is not in a repository with modules/, sim/ and tests/; change to its root")
 
@@ -184,17 +185,17 @@ def compile_kernels(args: argparse.Namespace) -> int:
     else:
         found = [specs.class_of(folder, root) for root in [root_folder()] for folder in specs.module_folders(root)]
     kernels = list(dict.fromkeys(c for c in found if issubclass(c, KernelModule)))
-    compiler.progress = lambda text: None
+    cache.progress = lambda text: None
     console = Console(stderr=True)
     entries = [compiler.loop_entry(), *(compiler.entry_of(c) for c in track(kernels, "compiling", console=console))]
     fresh = sum(not e.from_cache for e in entries)
-    print(f"{len(entries)} compiled, {fresh} of them now, {len(entries) - fresh} earlier; in {compiler.cache_folder()}")
+    print(f"{len(entries)} compiled, {fresh} of them now, {len(entries) - fresh} earlier; in {cache.cache_folder()}")
     return 0
 
 
 def info(args: argparse.Namespace) -> int:
     """Show versions, cache and sizes."""
-    folder = compiler.cache_folder()
+    folder = cache.cache_folder()
     size = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
     table = Table.grid(padding=(0, 2))
     installed = [d.version for d in importlib.metadata.distributions(name="opnav-fsw")] or ["not installed"]
@@ -203,7 +204,11 @@ def info(args: argparse.Namespace) -> int:
     table.add_row("machine", f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     table.add_row("kernels", "compiled" if COMPILE else "plain Python (FSW_COMPILE=0)")
     table.add_row("cache", f"{folder}, {len(list(folder.glob('*/manifest.json')))} kernels, {size / 1e6:.1f} MB")
-    table.add_row("here", f"{len(specs.module_folders(root_folder()))} modules, {len(known_messages())} messages")
+    try:
+        here = f"{len(specs.module_folders(root_folder()))} modules, {len(known_messages())} messages"
+    except UsageError as error:
+        here = str(error)
+    table.add_row("here", here)
     Console(soft_wrap=True).print(table)
     return 0
 

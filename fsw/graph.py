@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -63,7 +63,7 @@ class Edge(msgspec.Struct, frozen=True):
     def label(self) -> str:
         """Type, rates and latency, for people."""
         rates, age = (" to ".join(dict.fromkeys(map(text, pair))) for pair in (self.period_ns, self.age_ns))
-        unseen = f", none at the first {self.unseen} steps" if self.unseen else ""
+        unseen = f", none at the first {self.unseen} step{'s' * (self.unseen > 1)}" if self.unseen else ""
         return f"{self.type}, {rates}, age {age}{unseen}"
 
 
@@ -183,8 +183,6 @@ class Graph:
             if type(port) is not made or port.owner is not module or port.name != name:
                 advice = "Connect with writer.out_x.connect(reader.in_x); assign no ports, copy no modules"
                 self._fault("port", f"{module.name}.{name}", f"was replaced by {port!r}. {advice}")
-            elif declared.name != name:
-                self._fault("port", port, f"shares its declaration with {declared.name}. Declare each by itself")
             else:
                 sound.append(port)
         return sound
@@ -275,7 +273,7 @@ class Graph:
             return msgspec.json.format(msgspec.json.encode(found, enc_hook=repr), indent=2).decode()
         lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in picture.lanes(self)]
         lines += [f"{e.source} -> {e.reader}: {e.label}{', delayed' if e.delayed else ''}" for e in self.edges]
-        return "\n".join([*lines, f"{len(self._faults)} faults", *map(str, self._faults)])
+        return "\n".join([*lines, f"faults: {len(self._faults)}", *map(str, self._faults)])
 
     def picture(self, format: Literal["mermaid", "dot", "svg"] = "svg") -> str:  # noqa: A002
         """The graph drawn: a lane for each task, its modules in order, connections with type, rates and latency."""
@@ -286,14 +284,17 @@ def _is_time(value: Any, least: int) -> bool:
     return type(value) is int and least <= value < 2**62
 
 
-def _path(following: dict[int, list[int]], start: int, end: int) -> tuple[int, ...]:
+def _path(following: dict[int, list[int]], start: int, end: int) -> list[int]:
     """Places from ``start`` to ``end`` by the fewest connections; empty if there is no way."""
-    ways, seen = deque[tuple[int, ...]]([(start,)]), {start}
-    while ways:
-        way = ways.popleft()
-        if way[-1] == end:
-            return way
-        fresh = dict.fromkeys(p for p in following.get(way[-1], ()) if p not in seen)
-        seen.update(fresh)
-        ways.extend((*way, p) for p in fresh)
-    return ()
+    came, reached = {start: start}, [start]
+    for at in reached:  # grows while it is walked
+        for place in following.get(at, ()):
+            if place not in came:
+                came[place] = at
+                reached.append(place)
+        if end in came:
+            break
+    path = [end] if end in came else []
+    while path and path[0] != start:
+        path.insert(0, came[path[0]])
+    return path

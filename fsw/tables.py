@@ -50,6 +50,10 @@ class Tables:
         self.objects: list[list[Recording[Any]]] = []
         self.pointers: dict[Module, I64] = {}
         checks: list[list[int]] = []
+        if COMPILE:
+            from fsw.compiler import compile_all
+
+            compile_all(dict.fromkeys(type(m) for m in self.modules if isinstance(m, KernelModule)))
         for slot, module in zip(self.slots, self.modules, strict=False):
             slot[[loop.CHECK, loop.RECORD]] = len(checks), len(self.recordings)
             for port in module.inputs:

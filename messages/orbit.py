@@ -10,7 +10,9 @@ from messages.base import F64, Bound, Message, NanOk, Shape, Vec2, Vec3
 class PhotoTimeMsg(Message):
     """What is known of the time of a photo, and how it is to be looked for."""
 
-    exposure_ns: Annotated[int, "ns", "middle of the exposure as far as the stamps tell, simulation time; names the photo"]
+    exposure_ns: Annotated[
+        int, "ns", "middle of the exposure as far as the stamps tell, simulation time; names the photo"
+    ]
     earliest_ns: Annotated[int, "ns", "the exposure was not before this"]
     latest_ns: Annotated[int, "ns", "the exposure was not after this"]
     sigma_s: Annotated[float, "s", "standard deviation of exposure_ns", Bound(ge=0)]

@@ -16,9 +16,9 @@ from sim.sensors.gyro import Gyro
 from sim.sensors.star_tracker import StarTracker
 
 END = minutes(5)
-ULPS_OF_COMPILATION = 4
-"""Compiled code may contract no operation and reorder no sum, but its sin, cos and log come from another library
-than Python's: a few units in the last place of each argument, which the stable closed loop does not amplify."""
+ULPS_OF_COMPILATION = 8
+"""Of the largest component of each vector. Compiled code contracts no operation and reorders no sum, and on Linux it calls
+the same mathematical library as Python (there the difference is zero); another library may differ in the last bits."""
 
 
 def digest(case: HillPointing) -> str:
@@ -131,8 +131,7 @@ sys.stdout.buffer.write(np.concatenate([state.r_BN_N, state.v_BN_N, state.sigma_
     ]
     assert results[0].shape == (12,)
     scale = np.repeat([np.linalg.norm(results[0][i : i + 3]) for i in range(0, 12, 3)], 3)
-    steps = 50 * 4  # of the integrator, each with its own rounding
-    assert np.all(np.abs(results[0] - results[1]) <= ULPS_OF_COMPILATION * steps * np.spacing(scale))
+    assert np.all(np.abs(results[0] - results[1]) <= ULPS_OF_COMPILATION * np.spacing(scale))
 
 
 def test_the_scenario_runs_at_its_rates() -> None:

@@ -32,4 +32,4 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
         return function
     from numba import njit
 
-    return cast(Callable[P, R], njit(function, **OPTIONS))
+    return cast(Callable[P, R], njit(function, no_cfunc_wrapper=True, **OPTIONS))

@@ -1,4 +1,4 @@
-"""Rotations for modules of the Python tier: numpy arrays in and out, by SciPy. Conventions as in `fsw.math.attitude`."""
+"""Rotations for modules of the Python tier: numpy arrays in and out, by SciPy. Conventions: `fsw.math.attitude`."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fsw import compiler
+from fsw import cache, compiler
 from fsw.cli import main
 from fsw.math.compiled import COMPILE
 
@@ -72,9 +72,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", list(sys.argv))
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr(compiler, "progress", lambda text: None)
+    monkeypatch.setattr(cache, "progress", lambda text: None)
     yield tmp_path
-    for name in ("small", "wrong"):
+    for name in ("scenario_small", "scenario_wrong"):
         sys.modules.pop(name, None)
 
 
@@ -235,14 +235,17 @@ def test_compile_fills_the_cache(
         return
     monkeypatch.setenv("FSW_CACHE_DIR", str(folder / "cache"))
     for made_now in (2, 0):
-        monkeypatch.setattr(compiler, "_entries", {})
+        compiler.entry_of.cache_clear()
+        compiler.loop_entry.cache_clear()
         assert main(["compile", name]) == 0
         text = f"2 compiled, {made_now} of them now, {2 - made_now} earlier; in {folder / 'cache'}\n"
         assert capsys.readouterr().out == text
 
 
-def test_info(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(Path(__file__).parents[2])
+def test_info(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert main(["info"]) == 0
+    assert "not in a repository" in capsys.readouterr().out
+    monkeypatch.chdir(Path(__file__).parent)
     assert main(["info"]) == 0
     printed = capsys.readouterr().out
-    assert all(word in printed for word in ("numba", "cores", "cache", "modules", "messages"))
+    assert all(word in printed for word in ("numba", "cores", "cache", " modules, ", " messages"))

@@ -74,7 +74,12 @@ def start(lens: F64, dcm_CO: F64, photos: int, clock: F64) -> Adjustment:
     common[CLOCK] = clock
     none = np.zeros((COMMON, COMMON))
     return Adjustment(
-        lens=lens.copy(), dcm_CO=dcm_CO.copy(), common=common, attitude=np.zeros((photos, 3)), time_s=np.zeros(photos), P=none
+        lens=lens.copy(),
+        dcm_CO=dcm_CO.copy(),
+        common=common,
+        attitude=np.zeros((photos, 3)),
+        time_s=np.zeros(photos),
+        P=none,
     )
 
 
@@ -182,7 +187,12 @@ def _move(state: Adjustment, step: F64) -> None:
 
 
 def adjust(
-    state: Adjustment, photos: list[PhotoData], orbit: TleOrbit, reference_s: float, priors: Priors, iterations: int = 25
+    state: Adjustment,
+    photos: list[PhotoData],
+    orbit: TleOrbit,
+    reference_s: float,
+    priors: Priors,
+    iterations: int = 25,
 ) -> Adjustment:
     """Iterate Gauss-Newton steps with robust weights until the parameters rest.
 

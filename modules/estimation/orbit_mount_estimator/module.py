@@ -36,12 +36,14 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OrbitMountEstimator(Module):
-    """Calibrates lens, mounting and shutter clock with positions held to the orbit, then fits the track. See SPEC.md."""
+    """Calibrates lens, mounting and shutter with positions held to the orbit, then fits the track. See SPEC.md."""
 
     class Params(Record):
         """What is known before, and how much of it is estimated."""
 
-        calibrate_rounds: Annotated[int, "-", "rounds after which lens, mounting and clock are estimated", Bound(ge=0)] = 2
+        calibrate_rounds: Annotated[
+            int, "-", "rounds after which lens, mounting and clock are estimated", Bound(ge=0)
+        ] = 2
         sigma_focal: Annotated[float, "-", "of the focal length at the start, relative", Bound(gt=0)] = 0.05
         sigma_center: Annotated[float, "px", "of the principal point at the start", Bound(gt=0)] = 30.0
         sigma_radial: Annotated[float, "-", "of k1 and k2 at the start", Bound(gt=0)] = 0.3
@@ -86,15 +88,16 @@ class OrbitMountEstimator(Module):
         self._rounds = 0
         self._lens = lens_vector(camera)
         self._dcm_CO: F64 = np.array(camera.dcm_CB)
-        self._clock = np.zeros(2)
+        self._clock_P = np.zeros((2, 2))
 
     def step(self, t_ns: int) -> None:
         """Keep the newest landmarks of a photo; at the end of a round, estimate."""
         time, landmarks, fix = self.in_time.take(), self.in_landmarks.take(), self.in_fix.take()
         if time is None:
             return
-        if landmarks is not None and fix is not None and fix.valid:
-            if time.exposure_ns == landmarks.exposure_ns == fix.exposure_ns:
+        if landmarks is not None and fix is not None:
+            same = time.exposure_ns == landmarks.exposure_ns == fix.exposure_ns
+            if same and fix.valid:
                 self._keep(time, landmarks, fix)
         if time.last:
             self._rounds += 1
@@ -124,26 +127,35 @@ class OrbitMountEstimator(Module):
             self._lens, self._dcm_CO = state.lens, state.dcm_CO
             self.out_camera.write(camera_message(state, self.camera), t_ns)
             self.out_accuracy.write(accuracy_message(state, weights), t_ns)
-            self.out_clock.write(clock_message(state, weights, reference_ns, len(photos)), t_ns)
+            self._clock_P = state.P[CLOCK, CLOCK]
+            self.out_clock.write(clock_message(state, weights, reference_ns, self._clock_P), t_ns)
             return
         clock = self._clock_at(reference_ns)
         state = start(self._lens, self._dcm_CO, len(photos), clock)
         state = adjust(state, photos, self.orbit, reference_ns * 1e-9, arc_priors(weights, times, clock))
-        self.out_clock.write(clock_message(state, weights, reference_ns, len(photos)), t_ns)
+        self.out_clock.write(clock_message(state, weights, reference_ns, self._clock_P), t_ns)
 
     def _calibrate(
         self, times: list[PhotoTimeMsg], photos: list[PhotoData], reference_ns: int, weights: Weights
     ) -> Adjustment:
         """Adjust with positions held; if the clock leaves the stamps, once more with it held at their edge."""
         line = clock_line(times, reference_ns)
-        for _ in range(2):
-            state = start(lens_vector(self.camera), self._dcm_CO, len(photos), line[0])
-            state = adjust(state, photos, self.orbit, reference_ns * 1e-9, held_priors(weights, times, line))
-            clock = within_stamps(times, reference_ns, line[0], state.common[CLOCK])
-            if np.array_equal(clock, state.common[CLOCK]):
-                break
-            line = clock, np.zeros((2, 2))
-        return state
+        state = self._adjusted(times, photos, reference_ns, weights, line)
+        clock = within_stamps(times, reference_ns, line[0], state.common[CLOCK])
+        if np.array_equal(clock, state.common[CLOCK]):
+            return state
+        return self._adjusted(times, photos, reference_ns, weights, (clock, np.zeros((2, 2))))
+
+    def _adjusted(
+        self,
+        times: list[PhotoTimeMsg],
+        photos: list[PhotoData],
+        reference_ns: int,
+        weights: Weights,
+        line: tuple[F64, F64],
+    ) -> Adjustment:
+        state = start(lens_vector(self.camera), self._dcm_CO, len(photos), line[0])
+        return adjust(state, photos, self.orbit, reference_ns * 1e-9, held_priors(weights, times, line))
 
     def _clock_at(self, reference_ns: int) -> F64:
         """The clock's correction and rate as estimated before, at another reference."""

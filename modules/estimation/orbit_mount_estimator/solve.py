@@ -14,7 +14,6 @@ from modules.estimation.orbit_mount_estimator.adjust import CLOCK, LENS, MOUNT, 
 from modules.estimation.orbit_mount_estimator.clock import line_within
 from modules.estimation.orbit_pose_prior.orbit import TleOrbit
 
-
 EARTH_RADIUS = 6371e3
 
 
@@ -74,7 +73,12 @@ def held_priors(weights: Weights, times: list[PhotoTimeMsg], line: tuple[F64, F6
     """Calibration: lens, mounting and clock are free, positions are held to the orbit."""
     p = weights.params
     common = np.zeros(16)
-    common[LENS] = [p.sigma_focal * weights.focal_px, *[p.sigma_center] * 2, *[p.sigma_radial] * 2, *[p.sigma_tangential] * 2]
+    common[LENS] = [
+        p.sigma_focal * weights.focal_px,
+        *[p.sigma_center] * 2,
+        *[p.sigma_radial] * 2,
+        *[p.sigma_tangential] * 2,
+    ]
     common[MOUNT] = np.inf
     return Priors(
         common=common,
@@ -139,15 +143,15 @@ def accuracy_message(state: Adjustment, weights: Weights) -> CameraAccuracyMsg:
     )
 
 
-def clock_message(state: Adjustment, weights: Weights, reference_ns: int, photos: int) -> OrbitClockMsg:
-    """Track and clock. A held part has no covariance of its own; positions that were held have the orbit's."""
+def clock_message(state: Adjustment, weights: Weights, reference_ns: int, clock_P: F64) -> OrbitClockMsg:
+    """Track and clock, the latter with the covariance of its calibration. Positions that were held have the orbit's."""
     P = np.zeros((6, 6))
     P[:4, :4] = state.P[12:16, 12:16]
-    P[4:, 4:] = state.P[CLOCK, CLOCK]
+    P[4:, 4:] = clock_P
     if not P[0, 0] > 0.0:
         P[:3, :3] = np.diag(weights.sigma_H**2)
     return OrbitClockMsg(
-        photos=photos,
+        photos=len(state.attitude),
         landmarks=state.landmarks,
         rms_px=state.rms_px,
         reference_ns=reference_ns,

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import erfa
+import erfa as _erfa
 import numpy as np
 from numpy.typing import NDArray
-from sgp4.api import Satrec, jday
+from sgp4.api import Satrec
 
 from fsw.math.orbit_frames import OMEGA_EARTH, dcm_earth_teme, dcm_hill, dcm_orbit
 
 F64 = NDArray[np.float64]
+erfa: Any = _erfa
 
 
 class OrbitError(ValueError):
@@ -36,15 +38,17 @@ def _checked_line(line: str, number: int, where: str) -> str:
 class TleOrbit:
     """An approximate orbit from two-line elements, with an optional constant offset.
 
-    Errors of the frames: UT1 is taken as UTC (below 15 m in 2023, at most 420 m ever) and the motion of the pole is left
-    out (below 20 m). Both are far below the error of the elements, about 1 km along the track and growing each day.
+    Errors of the frames: UT1 is taken as UTC (below 15 m in 2023, at most 420 m ever) and the motion of the pole is
+    left out (below 20 m). Both are far below the error of the elements, about 1 km along track and growing each day.
 
     Attributes:
         epoch: UTC of simulation time zero. elements_epoch: UTC of the elements. satellite: catalogue number.
         offset_H: (3,) m, added to positions: radial, along track, normal. For sensitivity studies.
     """
 
-    def __init__(self, line1: str, line2: str, epoch: datetime, offset_H: F64 | None = None, where: str = "TLE") -> None:
+    def __init__(
+        self, line1: str, line2: str, epoch: datetime, offset_H: F64 | None = None, where: str = "TLE"
+    ) -> None:
         """Check and take the elements.
 
         Raises:
@@ -58,12 +62,12 @@ class TleOrbit:
         self.satellite = int(lines[0][2:7])
         if self._satrec.error:
             raise OrbitError(f"{where}: SGP4 refuses the elements (code {self._satrec.error}); get them again")
-        days = self._satrec.jdsatepoch - 2440587.5 + self._satrec.jdsatepochF
+        days: float = self._satrec.jdsatepoch - 2440587.5 + self._satrec.jdsatepochF
         self.elements_epoch = datetime.fromtimestamp(days * 86400.0, UTC)
         self.epoch = epoch.astimezone(UTC)
         self.offset_H: F64 = np.zeros(3) if offset_H is None else np.asarray(offset_H, float)
-        day, fraction = jday(epoch.year, epoch.month, epoch.day, epoch.hour, epoch.minute, epoch.second)
-        self._jd = float(day), float(fraction) + epoch.microsecond / 86400e6
+        since = self.epoch - datetime(2000, 1, 1, 12, tzinfo=UTC)
+        self._jd = 2451545.0 + since.days, (since.seconds + since.microseconds * 1e-6) / 86400.0
 
     @classmethod
     def open(cls, path: Path | str, epoch: datetime) -> TleOrbit:
@@ -76,7 +80,7 @@ class TleOrbit:
             lines = [x for x in Path(path).read_text("ascii").splitlines() if x.strip()]
         except (OSError, UnicodeDecodeError) as error:
             raise OrbitError(f"{path}: cannot be read as two-line elements ({error})") from None
-        for first, second in zip(lines, lines[1:], strict=False):
+        for first, second in itertools.pairwise(lines):
             if first.startswith("1 ") and second.startswith("2 "):
                 return cls(first, second, epoch, where=str(path))
         raise OrbitError(f"{path}: holds no two-line elements (a line that starts with '1 ' and then one with '2 ')")

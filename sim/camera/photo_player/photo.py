@@ -46,7 +46,7 @@ def _stamp(path: Path, tags: dict[int, Any]) -> tuple[datetime, float]:
         text = "has no time in its EXIF data (DateTimeOriginal), and without a time the orbit gives no position"
         raise PhotoError(f"{path.name} {text}; use the photo as the camera wrote it")
     try:
-        local = datetime.strptime(written[:19], "%Y:%m:%d %H:%M:%S")
+        local = datetime.strptime(written[:19] + " +0000", "%Y:%m:%d %H:%M:%S %z")
     except ValueError:
         raise PhotoError(f"{path.name} has the EXIF time {written!r}, expected YYYY:MM:DD HH:MM:SS") from None
     zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", _text(tags.get(_OFFSET_ORIGINAL)) or _text(tags.get(_OFFSET)))

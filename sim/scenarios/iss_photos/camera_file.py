@@ -13,7 +13,7 @@ from messages.orbit import CameraAccuracyMsg
 from sim.camera.photo_player import Cadence
 
 
-class BadInput(ValueError):
+class BadInputError(ValueError):
     """Something given that cannot be used; the text is one sentence for a person."""
 
 
@@ -60,11 +60,11 @@ def _read(path: Path, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except OSError as error:
-        raise BadInput(f"{what} {path} cannot be read: {error.strerror or error}") from error
+        raise BadInputError(f"{what} {path} cannot be read: {error.strerror or error}") from error
     except msgspec.ValidationError as error:
-        raise BadInput(f"{what} {path}: {error}; see --help for what it holds") from error
+        raise BadInputError(f"{what} {path}: {error}; see --help for what it holds") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{what} {path} is no valid JSON ({error}); JSON has no NaN or infinity") from error
+        raise BadInputError(f"{what} {path} is no valid JSON ({error}); JSON has no NaN or infinity") from error
 
 
 def _message(file: CameraFile, path: Path, dcm_CO: list[list[float]] | None = None) -> CameraConfigMsg:
@@ -78,13 +78,13 @@ def _message(file: CameraFile, path: Path, dcm_CO: list[list[float]] | None = No
             dcm_CB=np.eye(3) if dcm_CO is None else np.array(dcm_CO),
         )
     except ValueError as error:
-        raise BadInput(f"{path}: {error}") from error
+        raise BadInputError(f"{path}: {error}") from error
     dcm = camera.dcm_CB
     if not (np.allclose(dcm @ dcm.T, np.eye(3), atol=1e-6) and np.linalg.det(dcm) > 0.0):
-        raise BadInput(f"{path}: dcm_CO is no rotation matrix (orthonormal, determinant 1)")
+        raise BadInputError(f"{path}: dcm_CO is no rotation matrix (orthonormal, determinant 1)")
     size = np.array([camera.width_px, camera.height_px])
     if np.any(camera.center_px < 0.0) or np.any(camera.center_px > size):
-        raise BadInput(f"{path}: center_px {file.center_px} lies outside an image of {size[0]} x {size[1]} px")
+        raise BadInputError(f"{path}: center_px {file.center_px} lies outside an image of {size[0]} x {size[1]} px")
     return camera
 
 
@@ -92,7 +92,7 @@ def read_camera(path: Path) -> CameraConfigMsg:
     """The lens in a camera file.
 
     Raises:
-        BadInput: if the file is missing, malformed, or a value has the wrong sign, shape or is not finite.
+        BadInputError: if the file is missing, malformed, or a value has the wrong sign, shape or is not finite.
     """
     return _message(_read(path, CameraFile), path)
 
@@ -101,7 +101,7 @@ def read_calibration(path: Path) -> tuple[CameraConfigMsg, CameraAccuracyMsg, Ca
     """Lens with mounting, accuracy and shutter in a calibration file.
 
     Raises:
-        BadInput: as `read_camera`.
+        BadInputError: as `read_camera`.
     """
     file = _read(path, CalibrationFile)
     camera = _message(file.camera, path, file.dcm_CO)
@@ -116,11 +116,11 @@ def read_calibration(path: Path) -> tuple[CameraConfigMsg, CameraAccuracyMsg, Ca
             sigma_common_H=np.array(file.sigma_common_m),
         )
     except ValueError as error:
-        raise BadInput(f"{path}: {error}") from error
+        raise BadInputError(f"{path}: {error}") from error
     if file.shutter_period_s is None or file.shutter_sigma_s is None:
         return camera, accuracy, None
     if not (file.shutter_period_s > 0.0 and file.shutter_sigma_s > 0.0):
-        raise BadInput(f"{path}: shutter_period_s and shutter_sigma_s must be greater than 0, or null")
+        raise BadInputError(f"{path}: shutter_period_s and shutter_sigma_s must be greater than 0, or null")
     return camera, accuracy, Cadence(file.shutter_period_s, file.shutter_sigma_s)
 
 

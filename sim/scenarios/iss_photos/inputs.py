@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
-import erfa
+import erfa as _erfa
 import msgspec
 import numpy as np
 
@@ -14,11 +15,12 @@ from messages.orbit import CameraAccuracyMsg
 from modules.estimation.orbit_pose_prior import OrbitError, TleOrbit, require_fresh
 from modules.opnav.maps import GeoMap, MapError
 from sim.camera.photo_player import Cadence, Photo, PhotoError, PlayedPhoto, Times, estimate_times, open_photo
-from sim.scenarios.iss_photos.camera_file import BadInput, read_calibration, read_camera
+from sim.scenarios.iss_photos.camera_file import BadInputError, read_calibration, read_camera
 from sim.scenarios.iss_photos.options import Options
 
+erfa: Any = _erfa
 OLDEST_TLE_DAYS = 10.0
-_SIGHT_RAD = np.radians(4.0)
+_SIGHT_RAD = (-0.07, -0.035, 0.0, 0.035, 0.07)
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
 
 
@@ -46,19 +48,19 @@ def photo_files(given: tuple[Path, ...]) -> list[Path]:
     """Photo files named directly or lying in the folders named, in order of name.
 
     Raises:
-        BadInput: if a path does not exist or a folder holds no photos.
+        BadInputError: if a path does not exist or a folder holds no photos.
     """
     files: list[Path] = []
     for path in given:
         if path.is_dir():
             found = sorted(f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES and not f.name.startswith("."))
             if not found:
-                raise BadInput(f"folder {path} holds no photos ({', '.join(sorted(_SUFFIXES))})")
+                raise BadInputError(f"folder {path} holds no photos ({', '.join(sorted(_SUFFIXES))})")
             files += found
         elif path.exists():
             files.append(path)
         else:
-            raise BadInput(f"there is no photo file or folder {path}")
+            raise BadInputError(f"there is no photo file or folder {path}")
     return list(dict.fromkeys(files))
 
 
@@ -79,7 +81,7 @@ def _read_photos(files: list[Path], camera: CameraConfigMsg, camera_path: Path) 
     if not photos:
         first = next(iter(refused.values()))
         others = f" (and {len(refused) - 1} more like it)" if len(refused) > 1 else ""
-        raise BadInput(f"no photo can be used: {first}{others}")
+        raise BadInputError(f"no photo can be used: {first}{others}")
     return sorted(photos, key=lambda p: (p.stamp, p.path.name)), refused
 
 
@@ -108,10 +110,11 @@ def _play_list(photos: list[Photo], epoch: datetime, hint: Cadence | None) -> tu
 
 def _in_sight(geo_map: GeoMap, orbit: TleOrbit, t_s: float) -> str | None:
     """None if the maps cover any place within sight of the station, else where the station is."""
-    lon, lat, _ = erfa.gc2gd(1, orbit.at(t_s)[0][0])
-    for dlat in np.linspace(-_SIGHT_RAD, _SIGHT_RAD, 5):
-        for dlon in np.linspace(-_SIGHT_RAD, _SIGHT_RAD, 5) / max(np.cos(lat), 0.05):
-            if geo_map.covers(float(lat + dlat), float(lon + dlon)):
+    lon, lat = (float(x) for x in erfa.gc2gd(1, orbit.at(t_s)[0][0])[:2])
+    shrink = max(float(np.cos(lat)), 0.05)
+    for north in _SIGHT_RAD:
+        for east in _SIGHT_RAD:
+            if geo_map.covers(lat + north, lon + east / shrink):
                 return None
     return f"{np.degrees(lat):.1f} deg N {np.degrees(lon):.1f} deg E"
 
@@ -134,7 +137,7 @@ def read_inputs(options: Options) -> Inputs:
     """Read and check everything.
 
     Raises:
-        BadInput, OrbitError, MapError: with one sentence for a person.
+        BadInputError, OrbitError, MapError: with one sentence for a person.
     """
     accuracy: CameraAccuracyMsg | None = None
     hint: Cadence | None = None
@@ -157,7 +160,7 @@ def read_inputs(options: Options) -> Inputs:
         else:
             refused[str(photo.path)] = reason
     if not photos:
-        raise BadInput(refused[str(readable[0].path)])
+        raise BadInputError(refused[str(readable[0].path)])
     played, times = _play_list(photos, epoch, hint)
     return Inputs(
         epoch=epoch,
@@ -172,5 +175,5 @@ def read_inputs(options: Options) -> Inputs:
     )
 
 
-BAD = (BadInput, OrbitError, MapError, PhotoError)
+BAD = (BadInputError, OrbitError, MapError, PhotoError)
 """Errors that are a person's input, and are told in one sentence."""

@@ -11,10 +11,10 @@ import msgspec
 DATA = Path(__file__).resolve().parents[2] / "data"
 
 _DESCRIPTION = """\
-Finds where the International Space Station was, and how it was turned, from photos of the Earth taken through its window.
-
-Without options it uses ten photos that come with the program. Each photo becomes a position and an attitude by comparing
-it with a map; lens and mounting of the camera are calibrated from the photos themselves and the approximate orbit.
+Finds where the International Space Station was, and how it was turned, from photos of the Earth taken through its
+window. Without options it uses ten photos that come with the program. Each photo becomes a position and an attitude by
+comparing it with a map; lens and mounting of the camera are calibrated from the photos themselves and the approximate
+orbit.
 """
 
 _EPILOG = """\
@@ -103,10 +103,20 @@ def _parser() -> argparse.ArgumentParser:
         "--calibration",
         metavar="FILE",
         type=Path,
-        help="calibration.json of an earlier run: its lens and mounting are used, and none are estimated from these photos",
+        help="calibration.json of an earlier run: use its lens and mounting, and estimate none from these photos",
     )
-    add("--out", metavar="DIR", type=Path, default=Path("out") / "iss_photos", help="folder for the results (out/iss_photos)")
-    add("--shift-study", action="store_true", help="also show how far the fixes follow an orbit shifted by 5, 10 and 20 km")
+    add(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("out") / "iss_photos",
+        help="folder for the results (out/iss_photos)",
+    )
+    add(
+        "--shift-study",
+        action="store_true",
+        help="also show how far the fixes follow an orbit shifted by 5, 10 and 20 km",
+    )
     add("--debug", action="store_true", help="show the Python traceback of an error")
     return parser
 

@@ -15,6 +15,7 @@ from messages.orbit import CameraAccuracyMsg, OrbitClockMsg
 from modules.estimation.orbit_pose_prior import TleOrbit, corrected_time_s
 from modules.estimation.pose_from_landmarks import reason_of
 from modules.estimation.rotations import beta_from_dcm, dcm_from_beta, mean_dcm, rotation_vector
+from sim.camera.photo_player import Cadence
 from sim.scenarios.iss_photos.graph import Run
 from sim.scenarios.iss_photos.inputs import Inputs
 
@@ -79,7 +80,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     fixes: list[Fix]
     summary: Summary | None
     camera: CameraConfigMsg
-    accuracy: CameraAccuracyMsg
+    accuracy: CameraAccuracyMsg | None
     clock: OrbitClockMsg | None
     calibrated_here: bool
 
@@ -126,8 +127,8 @@ def summarise(fixes: list[Fix]) -> Summary | None:
     )
 
 
-def collect(inputs: Inputs, run: Run) -> Results | None:
-    """Results of a finished run, or None if no photo ever gave a valid fix and nothing was calibrated before."""
+def collect(inputs: Inputs, run: Run) -> Results:
+    """Results of a finished run; ``accuracy`` is None if no photo gave a valid fix and nothing was known before."""
     camera = run.estimator.out_camera.latest() or inputs.camera
     accuracy = run.estimator.out_accuracy.latest() or inputs.accuracy
     clock = run.estimator.out_clock.latest()
@@ -145,8 +146,6 @@ def collect(inputs: Inputs, run: Run) -> Results | None:
             fix.reason = "was not looked at" if row is None else reason_of(int(row["status"]))
         fixes.append(fix)
     fixes += [Fix(path=Path(path), utc=None, reason=reason) for path, reason in inputs.refused.items()]
-    if accuracy is None:
-        return None
     return Results(
         fixes=fixes,
         summary=summarise(fixes),
@@ -155,3 +154,10 @@ def collect(inputs: Inputs, run: Run) -> Results | None:
         clock=clock,
         calibrated_here=inputs.accuracy is None,
     )
+
+
+def tuned_cadence(cadence: Cadence | None, clock: OrbitClockMsg | None) -> Cadence | None:
+    """The shutter's cadence with the correction that the landmarks gave to it."""
+    if cadence is None or clock is None or not clock.P[5, 5] > 0.0:
+        return cadence
+    return Cadence(cadence.period_s * (1.0 + clock.clock_rate), cadence.period_s * float(np.sqrt(clock.P[5, 5])))

@@ -1,0 +1,107 @@
+"""Orbits against Basilisk's vectors, mpmath's roots of Kepler's equation, and Vallado's worked examples."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+from fsw.math import kepler as k
+
+DATA: dict[str, Any] = json.loads((Path(__file__).parents[2] / "data" / "basilisk_orbits.json").read_text())
+WELL_KNOWN = [o for o in DATA["orbits"] if "thresholds" not in o["label"]]
+
+
+def elements_of(case: dict[str, float]) -> k.Elements:
+    return (case["a"], case["e"], case["i"], case["Omega"], case["omega"], case["f"])
+
+
+def angle_error(a: float, b: float) -> float:
+    return abs((a - b + np.pi) % (2 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize("case", DATA["orbits"])
+def test_elements_to_rv_against_basilisk(case: dict[str, Any]) -> None:
+    r, v = k.elements_to_rv(elements_of(case["elements"]), case["mu"])
+    # cosines of angles of some radians carry a few rounding errors of the angle
+    np.testing.assert_allclose(r, case["r"], rtol=0, atol=4e-15 * float(np.linalg.norm(case["r"])))
+    np.testing.assert_allclose(v, case["v"], rtol=0, atol=4e-15 * float(np.linalg.norm(case["v"])))
+
+
+@pytest.mark.parametrize("case", WELL_KNOWN)
+def test_rv_to_elements_and_back(case: dict[str, Any]) -> None:
+    (r0, r1, r2), (v0, v1, v2) = case["r"], case["v"]
+    found = k.rv_to_elements((r0, r1, r2), (v0, v1, v2), case["mu"])
+    given = elements_of(case["elements"])
+    assert found[0] == pytest.approx(given[0], rel=1e-13)
+    assert found[1] == pytest.approx(given[1], abs=2e-14)
+    inclination = given[2] if given[2] <= np.pi else np.arccos(np.cos(given[2]))  # one case gives 10 rad
+    assert angle_error(found[2], inclination) < 2e-14
+    r, v = k.elements_to_rv(found, case["mu"])
+    np.testing.assert_allclose(r, case["r"], rtol=0, atol=2e-13 * float(np.linalg.norm(case["r"])))
+    np.testing.assert_allclose(v, case["v"], rtol=0, atol=2e-13 * float(np.linalg.norm(case["v"])))
+    if given[1] > 1e-3 and 1e-3 < given[2] < 3.1:
+        assert angle_error(found[3], given[3]) < 1e-13
+        assert angle_error(found[4], given[4]) < 1e-12
+        assert angle_error(found[5], given[5]) < 1e-12
+
+
+def test_vallado_examples() -> None:
+    """Vallado, 4th ed., examples 2-5 (elements of r, v), 2-1 (Kepler's equation) and 2-3 (hyperbola)."""
+    r, v = (6524.834e3, 6862.875e3, 6448.296e3), (4.901327e3, 5.533756e3, -1.976341e3)
+    a, e, i, node, peri, f = k.rv_to_elements(r, v, 398600.4418e9)
+    assert a == pytest.approx(36127.343e3, abs=1e3)
+    assert e == pytest.approx(0.832853, abs=1e-5)
+    degrees = np.degrees([i, node, peri, f])
+    np.testing.assert_allclose(degrees, [87.870, 227.898, 53.38, 92.335], rtol=0, atol=0.005)
+    assert np.degrees(k.eccentric_anomaly(np.radians(235.4), 0.4)) == pytest.approx(220.512074767522, abs=1e-10)
+    assert k.hyperbolic_anomaly(np.radians(235.4), 2.4) == pytest.approx(1.601376144, abs=1e-9)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.9, 0.999, 1 - 1e-12])
+@pytest.mark.parametrize("mean", [0.0, 1e-9, 0.01, 1.0, 3.0, np.pi, -2.0, 5.0, 40.0])
+def test_eccentric_anomaly_against_mpmath(e: float, mean: float) -> None:
+    with mpmath.workdps(50):
+        m, ecc = mpmath.mpf(mean), mpmath.mpf(e)
+        low, high = m - ecc - mpmath.mpf("1e-30"), m + ecc + mpmath.mpf("1e-30")
+        for _ in range(170):  # bisection
+            middle = (low + high) / 2
+            low, high = (middle, high) if middle - ecc * mpmath.sin(middle) < m else (low, middle)
+        # rounding of M alone moves E by eps / (1 - e cos E)
+        condition = 1 / (1 - ecc * mpmath.cos(low))
+        tolerance = float(4e-16 * (1 + abs(m)) * condition + 1e-15 * abs(low))
+        assert abs(k.eccentric_anomaly(mean, e) - float(low)) < tolerance
+
+
+@pytest.mark.parametrize("case", DATA["anomalies"])
+def test_anomalies_of_ellipses_against_basilisk(case: dict[str, Any]) -> None:
+    e, x = case["e"], case["x"]
+    assert angle_error(k.eccentric_anomaly(x, e), case["M2E"]) < 1e-11 / (1 - e)  # Basilisk stops at 1e-13 in M
+    assert angle_error(k.true_to_mean(case["E2f"], e), case["E2M"]) < 1e-14
+    assert angle_error(k.mean_to_true(case["E2M"], e), case["E2f"]) < 2e-14 / (1 - e)
+
+
+@pytest.mark.parametrize("case", DATA["hyperbolic_anomalies"])
+def test_anomalies_of_hyperbolas_against_basilisk(case: dict[str, Any]) -> None:
+    e, x = case["e"], case["x"]
+    assert k.hyperbolic_anomaly(x, e) == pytest.approx(case["N2H"], rel=1e-11)
+    assert k.true_to_mean(case["H2f"], e) == pytest.approx(case["H2N"], rel=1e-12)
+    assert k.mean_to_true(case["H2N"], e) == pytest.approx(case["H2f"], rel=1e-12)
+
+
+def test_whole_turns_are_kept() -> None:
+    assert k.mean_to_true(20.0 * np.pi + 0.5, 0.1) == pytest.approx(k.mean_to_true(0.5, 0.1) + 20.0 * np.pi, abs=2e-14)
+    assert k.true_to_mean(-6.0 * np.pi - 0.5, 0.1) == pytest.approx(-k.true_to_mean(0.5, 0.1) - 6.0 * np.pi, abs=2e-14)
+
+
+def test_what_is_no_orbit_gives_nan() -> None:
+    assert np.isnan(k.elements_to_rv((7e6, 1.0, 0.1, 0.1, 0.1, 0.1), 4e14)).all()
+    assert np.isnan(k.elements_to_rv((7e6, -0.1, 0.1, 0.1, 0.1, 0.1), 4e14)).all()
+    assert np.isnan(k.elements_to_rv((-7e6, 1.5, 0.1, 0.1, 0.1, 3.1), 4e14)).all()
+    assert np.isnan(k.rv_to_elements((7e6, 0.0, 0.0), (1e3, 0.0, 0.0), 4e14)).all()
+    assert np.isnan([k.eccentric_anomaly(1.0, 1.0), k.hyperbolic_anomaly(1.0, 0.9), k.true_to_mean(3.1, 1.5)]).all()
+    assert np.isnan([k.mean_to_true(1.0, 1.0), k.mean_to_true(np.nan, 0.1)]).all()
