@@ -54,7 +54,8 @@ def _module(kind: str, previous: Any) -> Any:
             self.dataOutMsg = messaging.CModuleTemplateMsg()
 
         def UpdateState(self, CurrentSimNanos: int) -> None:
-            vector: Any = self.dataInMsg().dataVector
+            message: Any = self.dataInMsg()
+            vector = message.dataVector
             payload = messaging.CModuleTemplateMsgPayload()
             payload.dataVector = [vector[0], vector[1], vector[2]]
             self.dataOutMsg.write(payload, CurrentSimNanos, self.moduleID)

@@ -1,7 +1,7 @@
 """Fair measuring: all cases take turns, so that a busy moment of the machine meets each of them alike.
 
-Both sides compute in one thread at a time and never wait, so the processor time of the process (Basilisk starts a thread of
-its own) is what a quiet machine would show as wall time.
+Both sides compute in one thread at a time and never wait, so the processor time of the process (not of the thread:
+Basilisk starts one of its own) is what a quiet machine would show as wall time.
 """
 
 from __future__ import annotations

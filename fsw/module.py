@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fsw.math.compiled import COMPILE, compiled
 from fsw.ports import In, InPort, Out, OutPort, blank_row, field_views
-from messages.base import Field, ObjectMessage, Record, dtype_of, fields_of
+from messages.base import ObjectMessage, Record, dtype_of, fields_of
 
 if TYPE_CHECKING:
     from fsw.simulation import Simulation
@@ -244,13 +244,9 @@ class KernelModule(Module):
 
     def seed(self, stream: Callable[[str], NDArray[np.uint64]]) -> None:
         """Seed every `Stream` field of the state."""
-        for name in stream_fields(self.State):
-            self._row_state[name][0] = stream(name)
-
-
-def stream_fields(state: type[Record]) -> list[str]:
-    """Names of the random streams in a state."""
-    return [f.name for f in fields_of(state) if f.kind == "stream"]
+        for field in fields_of(self.State):
+            if field.kind == "stream":
+                self._row_state[field.name][0] = stream(field.name)
 
 
 def _row_of(record: Record) -> NDArray[Any]:
@@ -258,8 +254,3 @@ def _row_of(record: Record) -> NDArray[Any]:
     for name, view in field_views(type(record), row):
         view[...] = getattr(record, name)
     return row
-
-
-def fields_by_name(kind: type[Record]) -> dict[str, Field]:
-    """The declared fields of a record class, by name."""
-    return {f.name: f for f in fields_of(kind)}

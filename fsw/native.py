@@ -26,16 +26,6 @@ if COMPILE:
         return types.int64(types.int64), build
 
     @intrinsic
-    def poke(typing: Any, address: Any, value: Any) -> Any:
-        """Store a 64-bit integer at an address."""
-
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            builder.store(args[1], builder.inttoptr(args[0], _I64.as_pointer()))
-            return context.get_dummy_value()
-
-        return types.void(types.int64, types.int64), build
-
-    @intrinsic
     def move(typing: Any, target: Any, source: Any, size: Any) -> Any:
         """Copy ``size`` bytes between addresses that do not overlap."""
 
@@ -92,10 +82,6 @@ else:
     def peek(address: int) -> int:
         """The 64-bit integer at an address."""
         return ctypes.c_int64.from_address(int(address)).value
-
-    def poke(address: int, value: int) -> None:
-        """Store a 64-bit integer at an address."""
-        ctypes.c_int64.from_address(int(address)).value = value
 
     def move(target: int, source: int, size: int) -> None:
         """Copy ``size`` bytes between addresses that do not overlap."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.math.camera import project_derivatives
+from fsw.math.camera import project_derivatives, undistort
 from fsw.math.compiled import compiled
 
 if TYPE_CHECKING:
@@ -215,3 +215,28 @@ def _result(problem: _Problem, pose: tuple[F64, F64], inlier: NDArray[np.bool_])
     scale2 = _cost(weight, error[inlier]) / max(2 * len(weight) - 6, 1)
     formal = scale2 * np.linalg.inv(normal) * np.outer(SCALE, SCALE)
     return Resection(*pose, inlier, error * problem.sigma, 0.5 * (formal + formal.T), math.sqrt(scale2))
+
+
+def attitude_from_rays(lens: F64, r_LE_E: F64, pixel_px: F64, r_CE_E: F64) -> F64:
+    """The attitude at which a camera of known position sees points where they were seen, by least squares on unit rays.
+
+    Wahba's problem by singular values (Markley 1988). No start is needed, so any attitude is found.
+
+    Args:
+        lens: lens vector (11,).
+        r_LE_E: points, Earth-fixed (n, 3) [m], n of 2 or more.
+        pixel_px: where they were seen (n, 2) [px]; those beyond the lens's range do not count.
+        r_CE_E: position of the camera, Earth-fixed (3,) [m].
+
+    Returns:
+        dcm_CE (3, 3).
+    """
+    tangents = np.empty((len(pixel_px), 2))
+    undistort(lens, np.ascontiguousarray(pixel_px, float), tangents)
+    known = np.isfinite(tangents[:, 0])
+    seen = np.column_stack([tangents[known], np.ones(int(known.sum()))])
+    ground = r_LE_E[known] - r_CE_E
+    seen /= np.linalg.norm(seen, axis=1)[:, None]
+    ground /= np.linalg.norm(ground, axis=1)[:, None]
+    u, _, vt = np.linalg.svd(np.einsum("ni,nj->ij", seen, ground))
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt

@@ -27,7 +27,7 @@ class Spacecraft(KernelModule):
         radius: Annotated[float, "m", "reference radius of J2", Bound(gt=0)] = RADIUS_EARTH
         j2: Annotated[float, "-", "zonal coefficient of degree 2; 0 for a point mass"] = J2_EARTH
         max_step: Annotated[float, "s", "longest integration step; a longer period is divided evenly", Bound(gt=0)] = (
-            1.0
+            0.1
         )
 
         def __post_init__(self) -> None:

@@ -85,7 +85,7 @@ def test_position_agrees_with_the_iau_2006_chain(criterion: Callable[[str, float
 def test_velocity_relative_to_the_earth_is_the_derivative_of_position() -> None:
     orbit = TleOrbit.open(TLE, EPOCH)
     r, _ = orbit.at(np.array([49.5, 50.5]))
-    np.testing.assert_allclose(orbit.velocity_earth(50.0), r[1] - r[0], atol=5e-3)  # SGP4's own steps are 1e-3 m/s
+    np.testing.assert_allclose(orbit.velocity_earth(50.0), r[1] - r[0], atol=0.02)  # SGP4 velocity is no exact derivative
 
 
 def test_shifted_orbit_moves_along_the_hill_frame() -> None:
@@ -120,9 +120,8 @@ def test_covariance_agrees_with_samples_of_orbit_and_time() -> None:
     errors = (axes @ (times - r).T).T + orbit.sigma_H(30.0) * rng.standard_normal((4000, 3))
     sigma = np.sqrt(np.diag(axes @ prior.P_pose[:3, :3] @ axes.T))
     ratio = errors.std(axis=0) / sigma
-    assert ratio[:2] == pytest.approx(1.0, abs=0.05)  # 4000 samples know a sigma to 1.1 %
-    # the Earth turns under the orbit: an error in time also moves the track sideways, by 5 % of the way along it
-    assert 1.0 < ratio[2] < 1.25
+    # 4000 samples know a sigma to 1.1 %; the turning Earth adds 75 m to the 450 m across the track, another 1.4 %
+    assert ratio == pytest.approx(1.0, abs=0.05)
     np.testing.assert_allclose(np.sqrt(np.diag(prior.P_pose)[3:]), np.hypot(1e-3, 2e-3), rtol=1e-12)
 
 

@@ -1,0 +1,96 @@
+"""The cold start: a pose from SIFT features, when the attitude is hardly known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.math.resection import attitude_from_rays, fit_pose
+from messages.base import F64
+from modules.opnav.landmark_finder.consensus import homography_consensus, undistorted_px
+from modules.opnav.landmark_finder.render import STEP, pinhole, render_view
+from modules.opnav.maps import GeoMap, MapError
+
+WIDE_FOCAL = 0.54
+"""Focal length of the rendered view to the width of the photo: 85 degrees, so that a tilt of 15 degrees stays inside."""
+RATIO = 0.88
+"""A feature's best match must be nearer than this times its second best (Lowe 2004, sec. 7.1)."""
+CONSENSUS_PX = 6.0
+MIN_INLIERS = 30
+"""Fewer agreeing features than this are chance: wrong views gave up to 28."""
+MIN_MASK = 0.1
+CV: Any = cv2
+
+
+def _features(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> tuple[F64, NDArray[np.float32]]:
+    """Places (n, 2) [px] and descriptors (n, 128) of SIFT features after evening out the contrast."""
+    clear = CV.createCLAHE(clipLimit=3.0, tileGridSize=(8, 8)).apply(grey)
+    shown = None if mask is None else mask.astype(np.uint8)
+    keys, descriptors = CV.SIFT_create(nfeatures=8000, contrastThreshold=0.02).detectAndCompute(clear, shown)
+    if descriptors is None:
+        return np.empty((0, 2)), np.empty((0, 128), np.float32)
+    return np.array([k.pt for k in keys], float).reshape(-1, 2), descriptors
+
+
+def _mutual(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Index pairs (n, 2) that are each other's nearest, and clearly so."""
+    if len(a) < 2 or len(b) < 2:
+        return np.empty((0, 2), np.int64)
+    matcher = CV.BFMatcher(cv2.NORM_L2)
+    back = {m.queryIdx: m.trainIdx for (m,) in matcher.knnMatch(b, a, k=1)}
+    pairs = [
+        (best.queryIdx, best.trainIdx)
+        for best, second in matcher.knnMatch(a, b, k=2)
+        if best.distance < RATIO * second.distance and back.get(best.trainIdx) == best.queryIdx
+    ]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def acquire(
+    geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, dcm_CE: F64
+) -> tuple[F64, F64] | None:
+    """Position and attitude from features of a wide view about the expected boresight; any turn about it.
+
+    Args:
+        geo_map: map and heights.
+        lens: lens vector (11,).
+        photo: grey image (rows, columns).
+        r_CE_E: expected position (3,) [m]; a few tens of km off will do.
+        dcm_CE: expected attitude (3, 3); only its boresight matters, to some 15 degrees.
+
+    Returns:
+        (r_CE_E, dcm_CE), to a few km; or None if fewer features agree than chance might give.
+    """
+    width = photo.shape[1]
+    wide = pinhole(WIDE_FOCAL * width, (width, width))
+    try:
+        view = render_view(geo_map, wide, (width, width), r_CE_E, dcm_CE)
+    except MapError:
+        return None
+    if view.mask.mean() < MIN_MASK:
+        return None
+    map_px, map_words = _features(view.image, view.mask)
+    photo_px, photo_words = _features(photo, None)
+    pairs = _mutual(photo_words, map_words)
+    seen, mapped = photo_px[pairs[:, 0]], map_px[pairs[:, 1]]
+    agree = homography_consensus(undistorted_px(lens, seen), mapped, CONSENSUS_PX)
+    if agree.sum() < MIN_INLIERS:
+        return None
+    node = np.rint(mapped[agree] / STEP).astype(np.int64) * STEP
+    known = np.isfinite(view.h[node[:, 1] // STEP, node[:, 0] // STEP])
+    ground = np.array([view.ground(row, column) for column, row in node[known].tolist()])
+    # the feature's own place, not the node's: move the match by the difference, turned into the photo below
+    return _pose(lens, ground, seen[agree][known], r_CE_E)
+
+
+def _pose(lens: F64, ground: F64, seen: F64, r_CE_E: F64) -> tuple[F64, F64] | None:
+    if len(ground) < MIN_INLIERS:
+        return None
+    dcm_CE = attitude_from_rays(lens, ground, seen, r_CE_E)
+    fit = fit_pose(lens, ground, seen, np.full(len(seen), 3.0), r_CE_E, dcm_CE)
+    if fit is None or fit.inlier.sum() < MIN_INLIERS // 2:
+        return None
+    return fit.r_CE_E, fit.dcm_CE

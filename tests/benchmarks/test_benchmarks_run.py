@@ -1,0 +1,69 @@
+"""The benchmarks run and both sides compute the same; how fast they are is not a matter of tests."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import dispatch
+from benchmarks.__main__ import main, verdict
+from benchmarks.timing import Figure, Line, interleaved, slopes
+
+without_basilisk = pytest.mark.skipif(
+    importlib.util.find_spec("Basilisk") is None, reason="Basilisk is only installed by make bench"
+)
+
+
+def test_slope_of_known_costs() -> None:
+    assert slopes([107.0, 207.0], [7.0, 7.0], 100) == [1.0, 2.0]
+
+
+def test_cases_take_turns_and_the_first_round_does_not_count() -> None:
+    calls: list[str] = []
+
+    def case(name: str, value: float) -> float:
+        calls.append(name)
+        return value + len(calls)
+
+    samples = interleaved({"a": lambda: case("a", 0.0), "b": lambda: case("b", 100.0)}, 2)
+    assert calls == ["a", "b"] * 3
+    assert samples == {"a": [3.0, 5.0], "b": [104.0, 106.0]}
+
+
+def test_verdict_says_what_was_reached() -> None:
+    line = Line("loop", "ns", Figure(1.0, 2.0), Figure(10.0, 20.0), "at least 8 times faster", 0.1, 0.125)
+    assert line.passed
+    assert verdict(line) == "at least 8 times faster: 10.0 times, [green]met[/]"
+    assert "missed" in verdict(Line("x", "ns", None, None, "at most 14 ns", 15.0, 14.0))
+    assert verdict(Line("x", "ns", None, None)) == ""
+
+
+def test_chain_passes_the_message_to_its_end() -> None:
+    sim = dispatch.chain(dispatch.Relay, 5)
+    sim.step()
+    message = vars(sim.modules[-1])["out_vector"].latest()
+    assert message is not None
+    assert message.vector.tolist() == [5.0, 0.0, 0.0]
+
+
+def test_trial_of_this_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)  # pyright: ignore[reportUnknownLambdaType]
+    file = tmp_path / "figures.json"
+    main(["--repeats", "1", "--scale", "0.001", "--no-start", "--json", str(file)])
+    lines = json.loads(file.read_text())["lines"]
+    assert len(lines) == 9
+    assert all(line["ours"]["least"] <= line["ours"]["median"] for line in lines)
+
+
+@without_basilisk
+@pytest.mark.filterwarnings("default")  # of its libraries, not of ours
+def test_both_sides_compute_the_same() -> None:
+    from benchmarks.closed_loop import agreement
+
+    found = agreement(ticks=600)
+    # Two programs, two gravity formulas: rounding of 1e-15 of 7e6 m in each of 600 steps, grown by the orbit
+    assert found["r_BN_N"] < 1e-3
+    assert found["v_BN_N"] < 1e-5
+    assert found["sigma_BN"] < 1e-9
+    assert found["sigma_BR"] < 1e-9
