@@ -54,8 +54,8 @@ def _module(kind: str, previous: Any) -> Any:
             self.dataOutMsg = messaging.CModuleTemplateMsg()
 
         def UpdateState(self, CurrentSimNanos: int) -> None:
-            message: Any = self.dataInMsg()
-            vector = message.dataVector
+            read: Any = self.dataInMsg
+            vector = read().dataVector
             payload = messaging.CModuleTemplateMsgPayload()
             payload.dataVector = [vector[0], vector[1], vector[2]]
             self.dataOutMsg.write(payload, CurrentSimNanos, self.moduleID)

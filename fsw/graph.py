@@ -41,7 +41,8 @@ class GraphError(Exception):
 class Edge(msgspec.Struct, frozen=True):
     """A connection of two ports ("module.port").
 
-    ``period_ns`` and ``places`` (in `Graph.modules`) are writer's and reader's; the rest is what `latency` returns.
+    ``period_ns`` and ``places`` (indices in `Graph.modules`): of writer and reader; ``delayed``: declared so; ``meet``,
+    ``age_ns`` and ``unseen``: what `latency` returns.
     """
 
     source: str
@@ -149,7 +150,7 @@ class Graph:
             self._fault("module", where, f"is {module!r}, not a module. Put only modules into a task")
         elif "_simulation" not in vars(module):
             advice = "Call super().__init__(name, params) first in its __init__"
-            self._fault("module", where, f"is a {name} without ports. {advice}")
+            self._fault("module", where, f"is a {name} without name and ports. {advice}")
         elif any(module is known for known in self.modules):
             self._fault("twice", module.name, f"is in a task already and again as {where}. List it once, or make two")
         else:
@@ -165,9 +166,7 @@ class Graph:
         for what, named in (("tasks", tasks), ("modules", self.modules)):
             for name, count in Counter(str(getattr(n, "name", id(n))) for n in named).items():
                 if count > 1:
-                    self._fault(
-                        "name", name, f"is the name of {count} {what}. Give each its own name, and list it once"
-                    )
+                    self._fault("name", name, f"is the name of {count} {what}. Give each its own name, list it once")
         homes: list[Simulation | None] = [vars(m)["_simulation"] for m in self.modules]
         home = simulation or next((known for known in homes if known), None)
         for module, known in zip(self.modules, homes, strict=True):
@@ -198,8 +197,10 @@ class Graph:
         if source is None:
             if not port.optional and not noted:
                 fitting = [o for o in self._ports if isinstance(o, OutPort) and o.kind is port.kind]
-                example = next((o for o in fitting if o.owner is not port.owner), f"<output of {wanted}>")
-                self._fault("unconnected", port, f"({wanted}) is not connected. Write {example}.connect({port})")
+                example = next((o for o in fitting if o.owner is not port.owner), None)
+                back = example is not None and self._places[id(example.owner)] > self._places[id(port.owner)]
+                call = f"{example or f'<output of {wanted}>'}.connect({port}{', delayed=True' * back})"
+                self._fault("unconnected", port, f"({wanted}) is not connected. Write {call}")
         elif not isinstance(source, OutPort) or source.kind is not port.kind:
             advice = "Connect with writer.out_x.connect(reader.in_x), and do not set source"
             self._fault("type", port, f"expects {wanted}, but its source was set to {source!r}. {advice}")
@@ -221,15 +222,13 @@ class Graph:
         writer, reader = (self.tasks[p] for p in places)
         timed = all(_is_time(t.period, 1) and _is_time(t.phase, 0) for t in (writer, reader))
         meet, age, unseen = latency(writer, reader, places[1] <= places[0]) if timed else (True, (0, 0), 0)
-        names, periods = (
-            (str(source), str(port), port.kind.__name__),
-            (writer.period, reader.period) if timed else (0, 0),
-        )
+        periods = (writer.period, reader.period) if timed else (0, 0)
+        names = str(source), str(port), port.kind.__name__
         self.edges.append(Edge(*names, periods, places, port.delayed, meet, age, unseen))
-        limit = port.max_age
-        if limit is not None and _is_time(limit, 0) and limit < age[1]:
-            advice = f"Accept {text(age[1])} or run {source.owner.name!r} more often"
-            self._fault("age", port, f"accepts {text(limit)}, but {source} gets {text(age[1])} old. {advice}")
+        limit, worst = port.max_age, age[0] if port.on_stale == "warn" else age[1]  # some warnings may be wanted
+        if limit is not None and _is_time(limit, 0) and limit < worst:
+            advice = f"Accept {text(worst)} or run {source.owner.name!r} more often"
+            self._fault("age", port, f"accepts {text(limit)}, but {source} gets {text(worst)} old. {advice}")
 
     def _check_order(self) -> None:
         undeclared: dict[int, list[int]] = {}
@@ -266,9 +265,8 @@ class Graph:
         """Tasks, connections with type, rates and latency, and faults."""
         if format == "json":
             tasks = [(t, [m.name for m in self.modules if m in t.modules]) for t in dict.fromkeys(self.tasks)]
-            shown = [
-                {"name": t.name, "period_ns": t.period, "phase_ns": t.phase, "modules": names} for t, names in tasks
-            ]
+            keys = "name", "period_ns", "phase_ns", "modules"
+            shown = [dict(zip(keys, (t.name, t.period, t.phase, names), strict=True)) for t, names in tasks]
             found = {"tasks": shown, "edges": self.edges, "faults": self._faults}
             return msgspec.json.format(msgspec.json.encode(found, enc_hook=repr), indent=2).decode()
         lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in picture.lanes(self)]

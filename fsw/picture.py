@@ -42,8 +42,8 @@ def mermaid(graph: Graph) -> str:
     for number, (title, modules) in enumerate(lanes(graph)):
         boxes = [f"    m{place}[{quoted(name)}]" for place, name in modules]
         lines += [f"  subgraph t{number}[{quoted(title)}]", *boxes, "  end"]
-    arrows = {False: "-->", True: "-.->"}
-    lines += [f"  m{e.places[0]} {arrows[e.backward]}|{quoted(e.label)}| m{e.places[1]}" for e in graph.edges]
+    for e in graph.edges:
+        lines.append(f"  m{e.places[0]} {'-.->' if e.backward else '-->'}|{quoted(e.label)}| m{e.places[1]}")
     return "\n".join([*lines, ""])
 
 
@@ -57,13 +57,10 @@ def dot(graph: Graph) -> str:
     for number, (title, modules) in enumerate(lanes(graph)):
         boxes = [f"    m{place} [{label(name)}]" for place, name in modules]
         lines += [f"  subgraph cluster_{number} {{", f"    {label(title)}", *boxes, "  }"]
-    style = {False: "solid", True: "dashed"}
-    lines += [f"  m{e.places[0]} -> m{e.places[1]} [{label(e.label)} style={style[e.backward]}]" for e in graph.edges]
+    for e in graph.edges:
+        style = "dashed" if e.backward else "solid"
+        lines.append(f"  m{e.places[0]} -> m{e.places[1]} [{label(e.label)} style={style}]")
     return "\n".join([*lines, "}", ""])
-
-
-def _text(x: float, y: float, words: str, style: str) -> str:
-    return f'<text x="{x:g}" y="{y:g}" class="{style}">{escape(words)}</text>'
 
 
 def svg(graph: Graph) -> str:
@@ -74,31 +71,33 @@ def svg(graph: Graph) -> str:
         ports[e.places[0]][e.backward].setdefault(e.source, "")
         ports[e.places[1]][e.backward][e.reader] = e.label
         wires.setdefault((e.backward, e.source), []).append(e.reader)
-    rows = lanes(graph)
-    titles = [title for lane, modules in rows for title in (lane, *(name for _, name in modules))]
-    pairs = [sum(max((len(p.split(".", 1)[1]) for p in side), default=0) for side in both) + 3 for both in ports]
-    box = _CHAR * max([*map(len, titles), *pairs], default=0) + 16
+    inside = [sum(max(map(len, side), default=0) for side in both) for both in ports]  # with module names: a margin
+    titles = [len(title) for lane, modules in lanes(graph) for title in (lane, *(name for _, name in modules))]
+    box = _CHAR * max(titles + inside, default=0) + 16
     room = [_CHAR * max((len(t) for both in ports for t in both[side].values()), default=0) + 24 for side in (0, 1)]
 
-    body: list[str] = []
+    drawn: list[str] = []
     bands: list[tuple[int, int]] = []
     at: dict[tuple[bool, str], int] = {}  # height of each port's line
     y = 0
-    for lane, modules in rows:
-        bands.append((y, 24 + sum(_LINE * max(map(len, ports[place])) + 32 for place, _ in modules)))
-        body.append(_text(0, y + 16, lane, "title"))
-        y += 24
+
+    def put(x: float, y: float, words: str, style: str) -> None:
+        drawn.extend([f'<text x="{x:g}" y="{y:g}" class="{style}">{escape(words)}</text>'] if words else [])
+
+    for lane, modules in lanes(graph):
+        put(0, y + 16, lane, "title")
+        top, y = y, y + 24
         for place, name in modules:
             height = _LINE * (1 + max(map(len, ports[place]))) + 4
-            body.append(
-                f'<rect class="box" y="{y}" width="{box:g}" height="{height}"/>{_text(8, y + 14, name, "title")}'
-            )
+            drawn.append(f'<rect class="box" y="{y}" width="{box:g}" height="{height}"/>')
+            put(8, y + 14, name, "title")
             for back, x, out, inward, outward in ((False, box, 1, "end", "start"), (True, 0, -1, "start", "end")):
                 for line, (port, label) in enumerate(ports[place][back].items()):
                     at[back, port] = level = y + _LINE * line + 32
-                    body.append(_text(x - 6 * out, level + 4, port.split(".", 1)[1], inward))
-                    body.append(_text(x + 12 * out, level - 4, label, outward))
+                    put(x - 6 * out, level + 4, port.partition(".")[2], inward)
+                    put(x + 12 * out, level - 4, label, outward)
             y += height + 10
+        bands.append((top, y - top))
         y += 8
 
     taken: dict[tuple[bool, int], list[tuple[int, int]]] = {}  # heights that wires use, of each track from the boxes
@@ -111,13 +110,12 @@ def svg(graph: Graph) -> str:
         turn, colour = x + out * (room[back] + _TRACK * track), _COLOURS[number % len(_COLOURS)]
         for end in [at[back, reader] for reader in wires[wire]]:
             way = f"M{x:g} {at[wire]}H{turn:g}V{end}H{x + 6 * out:g}"
-            body.append(f'<path class="wire{" back" * back}" d="{way}" stroke="{colour}"/>')
-            body.append(f'<path d="M{x:g} {end}l{8 * out} -4v8z" fill="{colour}"/>')
+            drawn.append(f'<path class="wire{" back" * back}" d="{way}" stroke="{colour}"/>')
+            drawn.append(f'<path d="M{x:g} {end}l{8 * out} -4v8z" fill="{colour}"/>')
 
     right, left = (16 + room[i] + _TRACK * sum(back == i for back, _ in taken) for i in (0, 1))
-    frame = f'width="{left + box + right:g}" '
-    drop = [f'<rect class="lane" x="{-left:g}" y="{top}" {frame}height="{height}"/>' for top, height in bands]
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{-left:g} 0 {left + box + right:g} {y}" {frame}height="{y}">'
-    )
-    return "\n".join([head, f"<style>{_STYLE}</style>", *drop, *body, "</svg>", ""])
+    width = f'width="{left + box + right:g}"'
+    view = f'viewBox="{-left:g} 0 {left + box + right:g} {y}" {width} height="{y}"'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" {view}><style>{_STYLE}</style>'
+    behind = [f'<rect class="lane" x="{-left:g}" y="{top}" {width} height="{height}"/>' for top, height in bands]
+    return "\n".join([head, *behind, *drawn, "</svg>", ""])

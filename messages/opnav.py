@@ -53,6 +53,7 @@ class LandmarksMsg(Message):
     pixel_px: Annotated[F64, Shape(MAX_LANDMARKS, 2), "px", "where it was seen (column, row), distorted", NanOk()]
     sigma_px: Annotated[F64, Shape(MAX_LANDMARKS), "px", "standard deviation of each coordinate", NanOk()]
     score: Annotated[F64, Shape(MAX_LANDMARKS), "-", "normalised correlation at the match", NanOk()]
+    status: Annotated[int, "-", "0 found, else why there is none; see the spec of the writer"] = 0
 
 
 class PoseFixMsg(Message):

@@ -97,7 +97,8 @@ def test_no_init_under_tests_and_unique_names() -> None:
 
 
 def test_every_data_file_has_a_licence_note() -> None:
-    data = [p for p in files() if name(p).startswith("sim/data/") and p.name not in ("LICENCE.md", "README.md")]
+    folders = ("sim/data/", "docs/images/")
+    data = [p for p in files() if name(p).startswith(folders) and p.name not in ("LICENCE.md", "README.md")]
     assert data
     missing: list[str] = []
     for path in data:

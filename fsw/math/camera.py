@@ -110,7 +110,7 @@ def project_derivatives(lens: F64, x: float, y: float, z: float, d_point: F64, d
         Column and row [px]. If they are NaN, the derivatives are not written.
     """
     u, v = project_point(lens, x, y, z)
-    if not u - u == 0.0:
+    if math.isnan(u):
         return u, v
     a, b = x / z, y / z
     s = a * a + b * b

@@ -8,7 +8,7 @@ The attitude error theta is in camera components: dcm_CE_true = (I - [theta x]) 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ SCALE = np.array([1000.0, 1000.0, 1000.0, 1.0, 1.0, 1.0])
 """Positions are solved for in km, so that the normal matrix is well scaled."""
 MEDIAN_RAYLEIGH = math.sqrt(2.0 * math.log(2.0))
 """Median length of a two-dimensional residual whose coordinates have unit standard deviation."""
+LINALG: Any = np.linalg
 MIN_POINTS = 6
 """Fewest points of a fit: three fix a pose, but not whether it is right."""
 
@@ -63,7 +64,7 @@ def pose_derivatives(lens: F64, r_LE_E: F64, r_CE_E: F64, dcm_CE: F64, pixel: F6
         y = dcm_CE[1, 0] * dx + dcm_CE[1, 1] * dy + dcm_CE[1, 2] * dz
         z = dcm_CE[2, 0] * dx + dcm_CE[2, 1] * dy + dcm_CE[2, 2] * dz
         pixel[i, 0], pixel[i, 1] = project_derivatives(lens, x, y, z, d_point, d_lens)
-        unknown = not pixel[i, 0] - pixel[i, 0] == 0.0
+        unknown = math.isnan(pixel[i, 0])
         for row in range(2):
             px, py, pz = d_point[row, 0], d_point[row, 1], d_point[row, 2]
             if unknown:
@@ -131,8 +132,8 @@ def _descend(problem: _Problem, pose: tuple[F64, F64], weight: F64, rounds: int)
         diagonal = np.diag(np.diag(normal))
         while True:
             try:
-                step = np.linalg.solve(normal + damping * diagonal, right)
-            except np.linalg.LinAlgError:
+                step: F64 = LINALG.solve(normal + damping * diagonal, right)
+            except LINALG.LinAlgError:
                 return None
             trial = pose[0] + SCALE[:3] * step[:3], turned(pose[1], step[3:])
             new_error, new_slopes = problem.at(*trial)

@@ -12,14 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
+from rasterio import warp
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.vrt import WarpedVRT
-from rasterio.warp import transform as warp_transform
 from rasterio.windows import Window
 
 from messages.base import F64
 
+RASTERIO: Any = rasterio
+WARP: Any = warp
 TILE = 1024
 """Windows begin and end at multiples of this many pixels, so that neighbouring views share one."""
 MERCATOR_RADIUS = 6378137.0
@@ -55,7 +57,7 @@ def opened(path: str | Path, *, geographic: bool = False) -> Generator[Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            dataset: Any = rasterio.open(path)
+            dataset: Any = RASTERIO.open(path)
     except RasterioError as error:
         raise MapError(f"map file {path} cannot be read as a raster ({error})") from error
     with dataset:
@@ -98,7 +100,7 @@ class Raster:
             middle = data.transform * (data.width / 2.0, data.height / 2.0)
         self._patch: Patch | None = None
         try:
-            lon, _ = warp_transform(self.crs, "EPSG:4326", [middle[0]], [middle[1]])[:2]
+            lon, _ = WARP.transform(self.crs, "EPSG:4326", [middle[0]], [middle[1]])[:2]
         except RasterioError as error:
             raise MapError(f"map file {path}: its coordinate system cannot be related to WGS84 ({error})") from error
         self.middle_lon_deg = float(lon[0])
@@ -131,7 +133,7 @@ class Raster:
         known = np.isfinite(lon_deg) & np.isfinite(lat_deg)
         x, y = np.full(lon_deg.shape, np.nan), np.full(lon_deg.shape, np.nan)
         if known.any():
-            xs, ys = warp_transform("EPSG:4326", self.crs, lon_deg[known], lat_deg[known])[:2]
+            xs, ys = WARP.transform("EPSG:4326", self.crs, lon_deg[known], lat_deg[known])[:2]
             x[known], y[known] = xs, ys
         x[~np.isfinite(x)], y[~np.isfinite(y)] = np.nan, np.nan
         return x, y

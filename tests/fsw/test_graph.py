@@ -116,6 +116,17 @@ def test_max_age_is_refused_exactly_when_a_run_would_break_it(
             simulation.run_until(400)
 
 
+def test_warnings_that_some_steps_give_are_a_choice_but_not_at_every_step() -> None:
+    tasks, reader = pair((10, 5), (0, 0), False)
+    reader.in_count.max_age, reader.in_count.on_stale = 4, "warn"
+    assert Graph(tasks).faults() == []
+    reader.in_count.on_stale = "error"
+    assert [f.kind for f in Graph(tasks).faults()] == ["age"]
+    tasks, reader = pair((10, 10), (0, 5), False)
+    reader.in_count.max_age, reader.in_count.on_stale = 4, "warn"
+    assert [f.kind for f in Graph(tasks).faults()] == ["age"]
+
+
 @st.composite
 def correct_graphs(draw: st.DrawFn) -> list[Task]:
     """Any wiring that obeys the rules."""

@@ -273,7 +273,7 @@ CASES: dict[
     "three inputs forgotten": (
         lambda r: [p.disconnect() for p in (r.plant.in_torque, r.camera.in_state, r.estimator.in_fix)],
         [
-            ("unconnected", "plant.in_torque", "control.out_torque.connect(plant.in_torque)"),
+            ("unconnected", "plant.in_torque", TO_PLANT),
             ("unconnected", "camera.in_state", TO_CAMERA),
             ("unconnected", "estimator.in_fix", "finder.out_fix"),
         ],

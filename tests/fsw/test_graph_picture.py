@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import combinations
 from typing import Annotated, Any
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -52,18 +52,18 @@ def ten_modules() -> Graph:
     return graph
 
 
-def words(element: ElementTree.Element) -> str:
+def words(element: ET.Element) -> str:
     return element.text or ""
 
 
-def extent(text: ElementTree.Element) -> tuple[float, float, float, float]:
+def extent(text: ET.Element) -> tuple[float, float, float, float]:
     """Left, right, top, bottom of a text of 11 px in a font whose characters are 0.602 em wide."""
     x, y, width = float(text.attrib["x"]), float(text.attrib["y"]), 0.602 * 11 * len(words(text))
     left = x - width if text.attrib["class"] == "end" else x
     return left, left + width, y - 8, y + 2
 
 
-def wire_lines(root: ElementTree.Element) -> list[tuple[float, float, float, float]]:
+def wire_lines(root: ET.Element) -> list[tuple[float, float, float, float]]:
     """The straight pieces of all wires: left, right, top, bottom."""
     lines: list[tuple[float, float, float, float]] = []
     for path in [p for p in root.iter(f"{SVG}path") if "wire" in p.attrib.get("class", "")]:
@@ -81,7 +81,7 @@ def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, 
 
 def test_svg_shows_every_module_and_connection() -> None:
     graph = ten_modules()
-    root = ElementTree.fromstring(graph.picture("svg"))
+    root = ET.fromstring(graph.picture("svg"))
     texts = [words(t) for t in root.iter(f"{SVG}text")]
     for module in graph.modules:
         assert f"{module.name} (Node)" in texts
@@ -96,7 +96,7 @@ def test_svg_shows_every_module_and_connection() -> None:
 
 
 def test_svg_has_no_overlaps() -> None:
-    root = ElementTree.fromstring(ten_modules().picture("svg"))
+    root = ET.fromstring(ten_modules().picture("svg"))
     texts = [t for t in root.iter(f"{SVG}text") if words(t)]
     boxes = [r for r in root.iter(f"{SVG}rect") if r.attrib["class"] == "box"]
     left, top, width, height = map(float, root.attrib["viewBox"].split())

@@ -17,6 +17,7 @@ from fsw.math.orbit_frames import OMEGA_EARTH, dcm_earth_teme, dcm_hill, dcm_orb
 
 F64 = NDArray[np.float64]
 erfa: Any = _erfa
+_SATREC: Any = Satrec
 
 
 class OrbitError(ValueError):
@@ -57,12 +58,13 @@ class TleOrbit:
         lines = _checked_line(line1, 1, where), _checked_line(line2, 2, where)
         if lines[0][2:7] != lines[1][2:7]:
             raise OrbitError(f"{where}: line 1 is of satellite {lines[0][2:7]}, line 2 of {lines[1][2:7]}")
-        self._satrec: Any = Satrec.twoline2rv(*lines)
+        satrec = _SATREC.twoline2rv(*lines)
+        self._satrec: Any = satrec
         self._lines, self.where = lines, where
         self.satellite = int(lines[0][2:7])
-        if self._satrec.error:
-            raise OrbitError(f"{where}: SGP4 refuses the elements (code {self._satrec.error}); get them again")
-        days: float = self._satrec.jdsatepoch - 2440587.5 + self._satrec.jdsatepochF
+        if satrec.error:
+            raise OrbitError(f"{where}: SGP4 refuses the elements (code {satrec.error}); get them again")
+        days = float(satrec.jdsatepoch) - 2440587.5 + float(satrec.jdsatepochF)
         self.elements_epoch = datetime.fromtimestamp(days * 86400.0, UTC)
         self.epoch = epoch.astimezone(UTC)
         self.offset_H: F64 = np.zeros(3) if offset_H is None else np.asarray(offset_H, float)

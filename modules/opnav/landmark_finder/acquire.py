@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from fsw.math.resection import attitude_from_rays, fit_pose
 from messages.base import F64
 from modules.opnav.landmark_finder.consensus import homography_consensus, undistorted_px
-from modules.opnav.landmark_finder.render import STEP, pinhole, render_view
+from modules.opnav.landmark_finder.render import pinhole, render_view
 from modules.opnav.maps import GeoMap, MapError
 
 WIDE_FOCAL = 0.54
-"""Focal length of the rendered view to the width of the photo: 85 degrees, so that a tilt of 15 degrees stays inside."""
+"""Focal length of the rendered view to the width of the photo: 85 degrees, so a tilt of 15 stays inside."""
 RATIO = 0.88
 """A feature's best match must be nearer than this times its second best (Lowe 2004, sec. 7.1)."""
 CONSENSUS_PX = 6.0
@@ -49,9 +49,7 @@ def _mutual(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.int64]
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def acquire(
-    geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, dcm_CE: F64
-) -> tuple[F64, F64] | None:
+def acquire(geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, dcm_CE: F64) -> tuple[F64, F64] | None:
     """Position and attitude from features of a wide view about the expected boresight; any turn about it.
 
     Args:
@@ -79,14 +77,12 @@ def acquire(
     agree = homography_consensus(undistorted_px(lens, seen), mapped, CONSENSUS_PX)
     if agree.sum() < MIN_INLIERS:
         return None
-    node = np.rint(mapped[agree] / STEP).astype(np.int64) * STEP
-    known = np.isfinite(view.h[node[:, 1] // STEP, node[:, 0] // STEP])
-    ground = np.array([view.ground(row, column) for column, row in node[known].tolist()])
-    # the feature's own place, not the node's: move the match by the difference, turned into the photo below
-    return _pose(lens, ground, seen[agree][known], r_CE_E)
+    return _pose(lens, view.ground(mapped[agree]), seen[agree], r_CE_E)
 
 
 def _pose(lens: F64, ground: F64, seen: F64, r_CE_E: F64) -> tuple[F64, F64] | None:
+    known = np.isfinite(ground).all(axis=1)
+    ground, seen = ground[known], seen[known]
     if len(ground) < MIN_INLIERS:
         return None
     dcm_CE = attitude_from_rays(lens, ground, seen, r_CE_E)

@@ -1,4 +1,4 @@
-"""Which matches agree with each other, and how they are spread."""
+"""Which matches agree with each other, and how good each is."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from fsw.math.camera import undistort
 from messages.base import F64
 
-CELLS = (6, 4)
-"""Columns and rows of the grid in which landmarks are counted."""
 SIGMA_AT_ZERO = 1.0
 SIGMA_PER_SCORE = -0.7
 """Standard deviation of a match [px] against its score: a line through the residuals of the ten shipped photos."""
@@ -44,29 +42,6 @@ def homography_consensus(a_px: F64, b_px: F64, threshold_px: float) -> NDArray[n
         return none
     none[np.flatnonzero(known)[inlier.ravel() > 0]] = True
     return none
-
-
-def cell_of(pixel: F64, shape: tuple[int, int], columns: int, rows: int) -> NDArray[np.int64]:
-    """Number (n,) of the grid cell in which each pixel (n, 2) lies; the image has ``shape`` (rows, columns)."""
-    column = np.clip((pixel[:, 0] + 0.5) * columns / shape[1], 0, columns - 1).astype(np.int64)
-    row = np.clip((pixel[:, 1] + 0.5) * rows / shape[0], 0, rows - 1).astype(np.int64)
-    return row * columns + column
-
-
-def cells_hit(pixel: F64, shape: tuple[int, int]) -> int:
-    """In how many of the 6 x 4 cells of the image there is a pixel."""
-    return len(np.unique(cell_of(pixel, shape, *CELLS)))
-
-
-def evenly(pixel: F64, score: F64, shape: tuple[int, int], most: int) -> NDArray[np.int64]:
-    """Indices of at most ``most`` points, spread over the image: the best of each small cell, then the second best..."""
-    if len(pixel) <= most:
-        return np.arange(len(pixel))
-    cell = cell_of(pixel, shape, 4 * CELLS[0], 4 * CELLS[1])
-    order = np.lexsort((-score, cell))
-    first = np.searchsorted(cell[order], cell[order])
-    rank = np.arange(len(order)) - first
-    return np.sort(order[np.lexsort((-score[order], rank))[:most]])
 
 
 def sigma_of(score: F64) -> F64:

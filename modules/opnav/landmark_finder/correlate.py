@@ -94,7 +94,7 @@ def match_chips(
         area = padded[top : top + 2 * reach + 1, left : left + 2 * reach + 1]
         peak(CV.matchTemplate(area, chip, cv2.TM_CCOEFF_NORMED), min_score, min_lead, found[n])
     good = np.isfinite(found[:, 0])
-    seen = centres[good] + found[good, :2] - window
+    seen: F64 = centres[good].astype(np.float64) + found[good, :2] - window
     rows, columns = photo.shape
     inside = (seen >= HALF).all(axis=1) & (seen[:, 0] < columns - HALF) & (seen[:, 1] < rows - HALF)
     return Matches(centres[good][inside], seen[inside], found[good, 2][inside])

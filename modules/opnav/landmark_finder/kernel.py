@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fsw.math.camera import undistort_point
 from fsw.math.compiled import compiled
-from fsw.math.geodesy import geodetic_from_ecef, ray_to_spheroid
+from fsw.math.geodesy import ecef_from_geodetic, geodetic_from_ecef, ray_to_spheroid
 
 if TYPE_CHECKING:
     from messages.base import F64
@@ -105,3 +105,26 @@ def spread(nodes: F64, step: int, out: F64) -> None:
             low = nodes[k, m] * (1.0 - b) + nodes[k, m + 1] * b
             high = nodes[k + 1, m] * (1.0 - b) + nodes[k + 1, m + 1] * b
             out[i, j] = low * (1.0 - a) + high * a
+
+
+@compiled
+def ground_at(lat: F64, lon: F64, h: F64, step: int, pixel: F64, out: F64) -> None:
+    """Earth-fixed ground (n, 3) [m] at pixels (n, 2), into ``out``: bilinear between the nodes of `ground_grid`.
+
+    The chord's depth below the Earth's curve is some centimetres. NaN outside the grid or off the Earth.
+    """
+    rows, columns = lat.shape
+    for n in range(pixel.shape[0]):
+        x, y = pixel[n, 0] / step, pixel[n, 1] / step
+        out[n, 0], out[n, 1], out[n, 2] = math.nan, math.nan, math.nan
+        if not (0.0 <= x <= columns - 1.0 and 0.0 <= y <= rows - 1.0):
+            continue
+        i, j = min(int(y), rows - 2), min(int(x), columns - 2)
+        a, b = y - i, x - j
+        total_x, total_y, total_z = 0.0, 0.0, 0.0
+        for k in range(4):
+            row, column = i + k // 2, j + k % 2
+            weight = (a if k >= 2 else 1.0 - a) * (b if k % 2 == 1 else 1.0 - b)
+            px, py, pz = ecef_from_geodetic(lat[row, column], lon[row, column], h[row, column])
+            total_x, total_y, total_z = total_x + weight * px, total_y + weight * py, total_z + weight * pz
+        out[n, 0], out[n, 1], out[n, 2] = total_x, total_y, total_z

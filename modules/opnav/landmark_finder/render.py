@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.math.camera import S_MAX
-from fsw.math.geodesy import ecef_from_geodetic
 from messages.base import F64
-from modules.opnav.landmark_finder.kernel import ground_grid, spread
-from modules.opnav.maps import GeoMap, HeightGrid, MapError
+from modules.opnav.landmark_finder.kernel import ground_at, ground_grid, spread
+from modules.opnav.maps import SEA_LEVEL, GeoMap, HeightGrid, MapError
 from modules.opnav.rasters import Raster
 
 STEP = 4
@@ -37,10 +36,11 @@ class View(NamedTuple):
     sharpness: float
     """Pixels of the map to one of the camera in the middle of the view; below 1 the map is the coarser one."""
 
-    def ground(self, row: int, column: int) -> tuple[float, float, float]:
-        """Earth-fixed position [m] of the ground at a pixel; row and column are multiples of STEP."""
-        i, j = row // STEP, column // STEP
-        return ecef_from_geodetic(float(self.lat[i, j]), float(self.lon[i, j]), float(self.h[i, j]))
+    def ground(self, pixel: F64) -> F64:
+        """Earth-fixed ground (n, 3) [m] at pixels (n, 2) (column, row); NaN off the Earth."""
+        out = np.empty((len(pixel), 3))
+        ground_at(self.lat, self.lon, self.h, STEP, np.ascontiguousarray(pixel, float), out)
+        return out
 
 
 def scaled_lens(lens: F64, factor: float) -> F64:
@@ -84,8 +84,7 @@ def render_view(
         MapError: if the map or the heights cover nothing of the view.
     """
     r_CE_E, dcm_CE = np.ascontiguousarray(r_CE_E, float), np.ascontiguousarray(dcm_CE, float)
-    sea = HeightGrid(np.zeros((2, 2)), -2.0, -8.0, 4.0, 16.0)
-    lat, lon, h = _ground(lens, shape, r_CE_E, dcm_CE, sea)
+    lat, lon, h = _ground(lens, shape, r_CE_E, dcm_CE, SEA_LEVEL)
     grid = geo_map.height_grid(lat, lon)
     if grid is None:
         raise MapError("the height file covers nothing of the view; use one that does, or none")

@@ -121,7 +121,9 @@ def _evenly(earliest: F64, latest: F64, hint: Cadence | None) -> tuple[F64, F64,
     return mean[0] + mean[1] * counts, sigma, Cadence(float(mean[1]), float(np.sqrt(cov[1, 1]))), counts
 
 
-def estimate_times(stamps_s: Sequence[float], resolution_s: Sequence[float], hint: Cadence | None = None) -> Times:
+def estimate_times(
+    stamps_s: Sequence[float] | F64, resolution_s: Sequence[float] | F64, hint: Cadence | None = None
+) -> Times:
     """Times of photos from their stamps, all in s after any common origin, in any order.
 
     Each photo was taken in [stamp, stamp + resolution). If four photos or more, without a gap of five minutes, agree

@@ -61,7 +61,7 @@ def build(inputs: Inputs, orbit: TleOrbit | None = None, sigma_shift_m: float = 
     prior_params = OrbitPosePrior.Params(sigma_shift=sigma_shift_m)
     prior = OrbitPosePrior("orbit_pose_prior", orbit, inputs.camera, inputs.accuracy, prior_params)
     finder = LandmarkFinder("landmark_finder", geo_map=inputs.geo_map)
-    pose_params = PoseFromLandmarks.Params(altitude_min_m=LOWEST_M, altitude_max_m=HIGHEST_M)
+    pose_params = PoseFromLandmarks.Params(min_altitude=LOWEST_M, max_altitude=HIGHEST_M)
     pose = PoseFromLandmarks("pose_from_landmarks", pose_params)
     params = OrbitMountEstimator.Params(calibrate_rounds=2 if inputs.accuracy is None else 0)
     estimator = OrbitMountEstimator("orbit_mount_estimator", orbit, inputs.camera, inputs.accuracy, params)

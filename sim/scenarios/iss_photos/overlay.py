@@ -22,10 +22,10 @@ _SMALLEST_PX = 150
 
 
 def water(image: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where a coloured map shows water: blue is the strongest colour, and it is dark. (H, W)."""
+    """Where a coloured map shows water: dark, with little red, and blue not far below green. (H, W)."""
     smooth = CV.GaussianBlur(image, (0, 0), 1.5).astype(np.int32)
     red, green, blue = smooth[..., 0], smooth[..., 1], smooth[..., 2]
-    return mask & (blue > red + 8) & (blue > green) & (red + green + blue < 330)
+    return mask & (10 * red < 7 * blue) & (10 * blue > 8 * green) & (red + green + blue < 330)
 
 
 def coast_lines(image: NDArray[np.uint8], mask: NDArray[np.bool_]) -> list[NDArray[np.int32]]:

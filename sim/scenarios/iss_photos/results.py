@@ -13,7 +13,7 @@ from messages.base import F64
 from messages.opnav import CameraConfigMsg
 from messages.orbit import CameraAccuracyMsg, OrbitClockMsg
 from modules.estimation.orbit_pose_prior import TleOrbit, corrected_time_s
-from modules.estimation.pose_from_landmarks import reason_of
+from modules.estimation.pose_from_landmarks import STATUS_TEXT, FixStatus
 from modules.estimation.rotations import beta_from_dcm, dcm_from_beta, mean_dcm, rotation_vector
 from sim.camera.photo_player import Cadence
 from sim.scenarios.iss_photos.graph import Run
@@ -143,7 +143,7 @@ def collect(inputs: Inputs, run: Run) -> Results:
         if row is not None and row["valid"] and accuracy is not None:
             _fill(fix, row, seen[played.exposure_ns], run.prior.orbit, accuracy)
         else:
-            fix.reason = "was not looked at" if row is None else reason_of(int(row["status"]))
+            fix.reason = "was not looked at" if row is None else STATUS_TEXT[FixStatus(int(row["status"]))]
         fixes.append(fix)
     fixes += [Fix(path=Path(path), utc=None, reason=reason) for path, reason in inputs.refused.items()]
     return Results(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -22,15 +23,15 @@ ROOT = Path(__file__).parents[3]
 TLE = ROOT / "sim" / "data" / "orbits" / "iss_tle_2023-05-03.txt"
 EPOCH = datetime(2023, 5, 5, 3, 28, 50, tzinfo=UTC)
 LINES = TLE.read_text().splitlines()
-CAMERA = CameraConfigMsg(width_px=1296, height_px=972, focal_px=[1030.0] * 2, center_px=[647.5, 485.5])
+CAMERA = CameraConfigMsg(width_px=1296, height_px=972, focal_px=np.full(2, 1030.0), center_px=np.array([647.5, 485.5]))
 ACCURACY = CameraAccuracyMsg(
     photos=5,
     rms_px=1.5,
     sigma_focal_px=1.0,
-    sigma_center_px=[1.0, 1.0],
+    sigma_center_px=np.ones(2),
     sigma_distortion=np.zeros(5),
     sigma_mounting=np.full(3, 1e-3),
-    sigma_common_H=[300.0, 2000.0, 500.0],
+    sigma_common_H=np.array([300.0, 2000.0, 500.0]),
 )
 
 
@@ -53,11 +54,13 @@ class Source(Module):
 
 
 def photo(**changes: Any) -> PhotoTimeMsg:
-    at = dict(exposure_ns=s(30), earliest_ns=s(29.5), latest_ns=s(30.5), sigma_s=0.3)
-    return PhotoTimeMsg(**{**at, **changes})
+    at: dict[str, Any] = {"exposure_ns": s(30), "earliest_ns": s(29.5), "latest_ns": s(30.5), "sigma_s": 0.3}
+    return PhotoTimeMsg(**(at | changes))
 
 
-def predict(time: PhotoTimeMsg, accuracy: CameraAccuracyMsg | None = ACCURACY, clock: OrbitClockMsg | None = None) -> Any:
+def predict(
+    time: PhotoTimeMsg, accuracy: CameraAccuracyMsg | None = ACCURACY, clock: OrbitClockMsg | None = None
+) -> Any:
     source = Source([time], clock)
     prior = OrbitPosePrior("prior", TleOrbit.open(TLE, EPOCH), CAMERA, accuracy)
     source.out_time.connect(prior.in_time)
@@ -85,7 +88,9 @@ def test_position_agrees_with_the_iau_2006_chain(criterion: Callable[[str, float
 def test_velocity_relative_to_the_earth_is_the_derivative_of_position() -> None:
     orbit = TleOrbit.open(TLE, EPOCH)
     r, _ = orbit.at(np.array([49.5, 50.5]))
-    np.testing.assert_allclose(orbit.velocity_earth(50.0), r[1] - r[0], atol=0.02)  # SGP4 velocity is no exact derivative
+    np.testing.assert_allclose(
+        orbit.velocity_earth(50.0), r[1] - r[0], atol=0.02
+    )  # SGP4 velocity is no exact derivative
 
 
 def test_shifted_orbit_moves_along_the_hill_frame() -> None:
@@ -136,7 +141,7 @@ def test_clock_of_the_shutter_is_applied() -> None:
 
 def test_later_attempts_and_an_unknown_mounting_widen_the_prior() -> None:
     sigmas = [np.sqrt(np.diag(predict(photo(attempt=k)).P_pose)) for k in range(3)]
-    for first, second in zip(sigmas, sigmas[1:], strict=False):
+    for first, second in itertools.pairwise(sigmas):
         assert np.all(second[:3] > first[:3]) and np.all(second[3:] > first[3:])
     np.testing.assert_array_equal(np.sqrt(np.diag(predict(photo(), accuracy=None).P_pose)), sigmas[2])
     assert sigmas[2][5] == pytest.approx(np.pi)
@@ -185,7 +190,7 @@ def test_elements_with_a_name_line_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("days", [-30.0, 30.0])
 def test_elements_of_another_time_are_refused(days: float) -> None:
     orbit = TleOrbit.open(TLE, EPOCH + timedelta(days=days))
-    with pytest.raises(OrbitError, match="days (older|newer) than the photos"):
+    with pytest.raises(OrbitError, match=r"days (older|newer) than the photos"):
         require_fresh(orbit, 0.0, 10.0)
 
 

@@ -1,0 +1,121 @@
+"""Gyro against Basilisk's delta angles and the variances of random walks in continuous time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fsw import Module, Out, Simulation, Task, s
+from messages.base import F64
+from messages.sensors import IMUSensorMsg
+from messages.states import SCStatesMsg
+from sim.sensors.gyro import Gyro
+
+Criterion = Callable[[str, float], None]
+COUNT = 1000
+SIGMA_V, SIGMA_U = 2e-4, 3e-5
+TURN_P = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+def state_of(sigma: Any, omega: Any = (0.0, 0.0, 0.0)) -> SCStatesMsg:
+    still = np.zeros(3)
+    return SCStatesMsg(
+        r_BN_N=still, v_BN_N=still, sigma_BN=np.array(sigma), omega_BN_B=np.array(omega), omegaDot_BN_B=still
+    )
+
+
+class Truth(Module):
+    """A body at rest."""
+
+    out_state = Out(SCStatesMsg)
+
+    def step(self, t_ns: int) -> None:
+        self.out_state.write(state_of(np.zeros(3)), t_ns)
+
+
+def angles(params: Gyro.Params, dt: float, steps: int) -> F64:
+    """Integrals of the measured rate of many gyros at rest, (3 COUNT, steps) rad."""
+    truth = Truth("truth")
+    gyros = [Gyro(f"gyro_{k}", params) for k in range(COUNT)]
+    for gyro in gyros:
+        truth.out_state.connect(gyro.in_state)
+    records = [g.out_imu.record() for g in gyros]
+    Simulation([Task("truth", s(dt), [truth, *gyros])], seed=4).run_until(s(dt * steps))
+    rates = np.concatenate([r["omega_PN_P"].T for r in records])
+    assert rates.shape == (3 * COUNT, steps)
+    return np.cumsum(rates, axis=1) * dt
+
+
+def test_against_basilisk(criterion: Criterion) -> None:
+    """Delta angles of the first case of Basilisk's IMU, and a case turned by hand."""
+    path = Path(__file__).parents[2] / "data" / "basilisk_imu.json"
+    steps: list[dict[str, Any]] = json.loads(path.read_text())["cases"][0]["steps"]
+    worst = 0.0
+    for dcm in (np.eye(3), TURN_P):
+        truth, gyro = Truth("truth"), Gyro("gyro", Gyro.Params(dcm_PB=dcm, arw=0.0, rrw=0.0))
+        truth.out_state.connect(gyro.in_state)
+        last = 0
+        for k, step in enumerate(steps):
+            truth.out_state.write(state_of(step["sc"]["sigma_BN"]), step["t"])
+            gyro.step(step["t"])
+            message = gyro.out_imu.latest()
+            assert (message is None) == (k == 0)
+            if message is not None:
+                expected = dcm @ np.array(step["DRFramePlatform"]) / ((step["t"] - last) * 1e-9)
+                worst = max(worst, float(np.max(np.abs(message.omega_PN_P - expected))))
+            last = step["t"]
+    criterion("GYRO-1", worst)
+
+
+def test_angle_random_walk(criterion: Criterion) -> None:
+    """The angle's variance is arw^2 T for every interval between samples."""
+    worst = 0.0
+    for dt, steps in [(1.0, 50), (12.5, 4)]:
+        final = angles(Gyro.Params(arw=SIGMA_V, rrw=0.0), dt, steps)[:, -1]
+        worst = max(worst, abs(float(np.mean(final**2)) / (SIGMA_V**2 * 50.0) - 1.0))
+    criterion("GYRO-2", worst)
+
+
+def test_rate_random_walk(criterion: Criterion) -> None:
+    """The angle's variance is rrw^2 T^3 / 3, and its correlation with the angle at T/2 is exact too: 5 T^3 / 48."""
+    worst = 0.0
+    for dt, steps in [(1.0, 50), (12.5, 4)]:
+        path = angles(Gyro.Params(arw=0.0, rrw=SIGMA_U), dt, steps)
+        final, middle = path[:, -1], path[:, steps // 2 - 1]
+        worst = max(worst, abs(float(np.mean(final**2)) / (SIGMA_U**2 * 50.0**3 / 3.0) - 1.0))
+        worst = max(worst, abs(float(np.mean(final * middle)) / (SIGMA_U**2 * 50.0**3 * 5.0 / 48.0) - 1.0))
+    criterion("GYRO-3", worst)
+
+
+def test_repeated_state_gives_no_sample() -> None:
+    truth, gyro = Truth("truth"), Gyro("gyro")
+    truth.out_state.connect(gyro.in_state)
+    gyro.step(0)
+    truth.step(0)
+    gyro.step(0)
+    gyro.step(s(1))
+    assert gyro.out_imu.latest() is None
+    truth.step(s(2))
+    gyro.step(s(2))
+    message = gyro.out_imu.latest()
+    assert isinstance(message, IMUSensorMsg)
+    assert np.isnan(message.accel_P).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"arw": -1.0}, ">= 0"),
+        ({"rrw": np.inf}, "infinity"),
+        ({"dcm_PB": np.diag([1.0, 1.0, -1.0])}, "mirror"),
+        ({"dcm_PB": 1.1 * np.eye(3)}, "orthonormal"),
+    ],
+)
+def test_wrong_parameters(change: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Gyro.Params(**change)
