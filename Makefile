@@ -12,7 +12,7 @@ PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 help:
 	@echo "make demo        locate the space station from its own photos; results in out/iss_photos"
 	@echo "make test        run the tests (below 5 minutes on two cores)"
-	@echo "make check       formatting, lint, types, specs"
+	@echo "make check       formatting, lint, types, specs, layers"
 	@echo "make test-all    the tests, with the slow ones"
 	@echo "make results     run the tests and write the measured results into the SPEC.md files"
 	@echo "make bench       side by side with Basilisk (installs bsk)"
@@ -36,6 +36,7 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 	$(BIN)/fsw check --specs
+	$(BIN)/python -m pytest -q tests/test_repository.py
 
 bench: $(READY_BENCH)
 	$(BIN)/python -m benchmarks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import msgspec
 
@@ -16,6 +16,10 @@ from fsw.time import text
 
 if TYPE_CHECKING:
     from fsw.simulation import Simulation, Task
+
+Collected: TypeAlias = Sequence[tuple[str, InPort[Any], WiringError]]
+"""What `fsw.ports.collect_wiring_errors` notes: kind of fault, input, error."""
+_CONNECT = "Use writer.out_x.connect(reader.in_x); assign no ports, copy no modules"
 
 
 class Fault(msgspec.Struct, frozen=True):
@@ -64,7 +68,8 @@ class Edge(msgspec.Struct, frozen=True):
     def label(self) -> str:
         """Type, rates and latency, for people."""
         rates, age = (" to ".join(dict.fromkeys(map(text, pair))) for pair in (self.period_ns, self.age_ns))
-        unseen = f", none at the first {self.unseen} step{'s' * (self.unseen > 1)}" if self.unseen else ""
+        steps = "step" if self.unseen == 1 else f"{self.unseen} steps"
+        unseen = f", none in the first {steps}" if self.unseen else ""
         return f"{self.type}, {rates}, age {age}{unseen}"
 
 
@@ -90,22 +95,18 @@ class Graph:
 
     Args:
         tasks: of a simulation, in order. simulation: modules may have run in this one only.
-        collected: what `fsw.ports.collect_wiring_errors` noted while the graph was built.
+        collected: what was noted while the graph was built.
 
     Attributes:
         modules: those that could run, in order. tasks: the task of each. edges: their connections.
     """
 
-    def __init__(
-        self,
-        tasks: Sequence[Task],
-        collected: Sequence[tuple[str, InPort[Any], WiringError]] = (),
-        simulation: Simulation | None = None,
-    ) -> None:
+    def __init__(self, tasks: Sequence[Task], collected: Collected = (), simulation: Simulation | None = None) -> None:
         self.modules: list[Module] = []
         self.tasks: list[Task] = []
         self.edges: list[Edge] = []
         self._faults: list[Fault] = []
+        self._noted = [id(port) for _, port, _ in collected]
         for kind, port, error in collected:
             self._fault(kind, port, f"cannot be connected: {error}")
         for number, task in enumerate(tasks):
@@ -114,11 +115,10 @@ class Graph:
             self._fault("empty", "simulation", "has nothing to run. Pass it tasks with modules")
         self._check_names_and_homes(tasks, simulation)
         self._places = {id(m): i for i, m in enumerate(self.modules)}
-        self._ports = [p for m in self.modules for p in self._sound_ports(m)]
-        noted = [id(port) for _, port, _ in collected]
+        self._ports = [port for module in self.modules for port in self._sound_ports(module)]
         for port in self._ports:
             if isinstance(port, InPort):
-                self._check_input(port, id(port) in noted)
+                self._check_input(port)
             else:
                 self._check_readers(port)
         self._check_order()
@@ -132,10 +132,10 @@ class Graph:
 
         if not isinstance(task, Task):
             return self._fault("task", where, f'is {task!r}. Write Task("nav", period=s(1), modules=[...])')
-        for what, value, least in (("period", task.period, 1), ("phase", task.phase, 0)):
-            if not _is_time(value, least):
-                problem = f"is {value!r}, not an int in ns, at least {least}"
-                self._fault("time", f"{task.name}.{what}", f"{problem}. Write for example s(0.5) or ms(500)")
+        for name, t_ns, least in (("period", task.period, 1), ("phase", task.phase, 0)):
+            if not _is_time(t_ns, least):
+                advice = f"Write an int in ns, at least {least}, such as s(0.5)"
+                self._fault("time", f"{task.name}.{name}", f"is {t_ns!r}. {advice}")
         if not task.modules:
             self._fault("empty", task.name, "is a task without modules. Add modules or remove the task")
         for position, module in enumerate(task.modules):
@@ -149,8 +149,9 @@ class Graph:
         elif not isinstance(module, Module):
             self._fault("module", where, f"is {module!r}, not a module. Put only modules into a task")
         elif "_simulation" not in vars(module):
-            advice = "Call super().__init__(name, params) first in its __init__"
-            self._fault("module", where, f"is a {name} without name and ports. {advice}")
+            self._fault(
+                "module", where, f"is a {name} without ports. Let its __init__ call super().__init__(name, params)"
+            )
         elif any(module is known for known in self.modules):
             self._fault("twice", module.name, f"is in a task already and again as {where}. List it once, or make two")
         else:
@@ -159,14 +160,13 @@ class Graph:
             if type(module).step is Module.step:
                 self._fault("module", module.name, f"has no step. Write step(self, t_ns) in {name}")
             for port in [n for n, value in vars(module).items() if isinstance(value, (In, Out))]:
-                problem = "is declared on the instance, which makes no port"
-                self._fault("port", f"{module.name}.{port}", f"{problem}. Declare it in the body of {name}")
+                self._fault("port", f"{module.name}.{port}", f"is no port. Declare it in the body of {name}")
 
     def _check_names_and_homes(self, tasks: Sequence[Task], simulation: Simulation | None) -> None:
         for what, named in (("tasks", tasks), ("modules", self.modules)):
-            for name, count in Counter(str(getattr(n, "name", id(n))) for n in named).items():
-                if count > 1:
-                    self._fault("name", name, f"is the name of {count} {what}. Give each its own name, list it once")
+            for name, number in Counter(str(getattr(n, "name", id(n))) for n in named).items():
+                if number > 1:
+                    self._fault("name", name, f"is the name of {number} {what}. Give each its own name, list it once")
         homes: list[Simulation | None] = [vars(m)["_simulation"] for m in self.modules]
         home = simulation or next((known for known in homes if known), None)
         for module, known in zip(self.modules, homes, strict=True):
@@ -179,34 +179,31 @@ class Graph:
         for name, declared in module.ports.items():
             port: Any = vars(module).get(name)
             made: Any = InPort if isinstance(declared, In) else OutPort
-            if type(port) is not made or port.owner is not module or port.name != name:
-                advice = "Connect with writer.out_x.connect(reader.in_x); assign no ports, copy no modules"
-                self._fault("port", f"{module.name}.{name}", f"was replaced by {port!r}. {advice}")
-            else:
+            if type(port) is made and port.owner is module and port.name == name:
                 sound.append(port)
+            else:
+                self._fault("port", f"{module.name}.{name}", f"was replaced by {port!r}. {_CONNECT}")
         return sound
 
-    def _check_input(self, port: InPort[Any], noted: bool) -> None:
+    def _check_input(self, port: InPort[Any]) -> None:
         source: Any = port.source
         wanted = port.kind.__name__
         if port.max_age is not None and not _is_time(port.max_age, 0):
-            problem = f"has max_age {port.max_age!r}, not an int in ns, at least 0"
-            self._fault("age", port, f"{problem}. Write for example max_age=ms(500)")
+            self._fault("age", port, f"has max_age {port.max_age!r}. Write an int in ns, such as max_age=ms(500)")
         if port.on_stale not in ("error", "warn"):
             self._fault("age", port, f'has on_stale {port.on_stale!r}. Write "error" or "warn"')
-        if source is None:
-            if not port.optional and not noted:
-                fitting = [o for o in self._ports if isinstance(o, OutPort) and o.kind is port.kind]
-                example = next((o for o in fitting if o.owner is not port.owner), None)
-                back = example is not None and self._places[id(example.owner)] > self._places[id(port.owner)]
-                call = f"{example or f'<output of {wanted}>'}.connect({port}{', delayed=True' * back})"
-                self._fault("unconnected", port, f"({wanted}) is not connected. Write {call}")
-        elif not isinstance(source, OutPort) or source.kind is not port.kind:
-            advice = "Connect with writer.out_x.connect(reader.in_x), and do not set source"
-            self._fault("type", port, f"expects {wanted}, but its source was set to {source!r}. {advice}")
-        elif id(source.owner) not in self._places:
+        if source is None and not port.optional and id(port) not in self._noted:
+            fits = [
+                o for o in self._ports if isinstance(o, OutPort) and o.kind is port.kind and o.owner is not port.owner
+            ]
+            late = bool(fits) and self._places[id(fits[0].owner)] > self._places[id(port.owner)]
+            call = f"{fits[0] if fits else f'<output of {wanted}>'}.connect({port}{', delayed=True' * late})"
+            self._fault("unconnected", port, f"({wanted}) is not connected. Write {call}")
+        elif source is not None and (not isinstance(source, OutPort) or source.kind is not port.kind):
+            self._fault("type", port, f"expects {wanted}, but its source was set to {source!r}. {_CONNECT}")
+        elif source is not None and id(source.owner) not in self._places:
             self._fault("no task", port, f"reads {source}, which is in no task. Add {source.owner.name!r} to a task")
-        else:
+        elif source is not None:
             self._add_edge(source, port)
 
     def _check_readers(self, out: OutPort[Any]) -> None:
@@ -222,9 +219,8 @@ class Graph:
         writer, reader = (self.tasks[p] for p in places)
         timed = all(_is_time(t.period, 1) and _is_time(t.phase, 0) for t in (writer, reader))
         meet, age, unseen = latency(writer, reader, places[1] <= places[0]) if timed else (True, (0, 0), 0)
-        periods = (writer.period, reader.period) if timed else (0, 0)
-        names = str(source), str(port), port.kind.__name__
-        self.edges.append(Edge(*names, periods, places, port.delayed, meet, age, unseen))
+        names, periods = (str(source), str(port), port.kind.__name__), (writer.period, reader.period)
+        self.edges.append(Edge(*names, periods if timed else (0, 0), places, port.delayed, meet, age, unseen))
         limit, worst = port.max_age, age[0] if port.on_stale == "warn" else age[1]  # some warnings may be wanted
         if limit is not None and _is_time(limit, 0) and limit < worst:
             advice = f"Accept {text(worst)} or run {source.owner.name!r} more often"
@@ -235,22 +231,20 @@ class Graph:
         for edge in [e for e in self.edges if not e.delayed]:
             undeclared.setdefault(edge.places[0], []).append(edge.places[1])
         for edge in self.edges:
-            writer, reader = edge.places
-            first, second = self.modules[writer].name, self.modules[reader].name
-            advice = f"Declare {edge.source}.connect({edge.reader}, delayed=True)"
-            if writer == reader:
+            first, second = (self.modules[p].name for p in edge.places)
+            delay = f"Write {edge.source}.connect({edge.reader}, delayed=True)"
+            cycle = [] if edge.delayed or not edge.backward else _path(undeclared, edge.places[1], edge.places[0])
+            if edge.places[0] == edge.places[1]:
                 self._fault("self", edge.reader, f"reads its own module's {edge.source}. Keep the value in the state")
-            elif edge.delayed and edge.meet and not edge.backward:
+            elif cycle:
+                names = " -> ".join([first, *(self.modules[p].name for p in cycle)])
+                self._fault("cycle", edge.reader, f"closes {names} without a declared delay. {delay}")
+            elif edge.meet and edge.backward and not edge.delayed:
+                told = f"is read before {first!r} writes: the value is at least {text(edge.age_ns[0])} old"
+                self._fault("order", edge.reader, f"{told}. {delay} or put {first!r} before {second!r}")
+            elif edge.meet and edge.delayed and not edge.backward:
                 advice = f"Leave out delayed=True or put {second!r} before {first!r}"
                 self._fault("delay", edge.reader, f"is declared delayed, but {first!r} runs before it. {advice}")
-            elif edge.backward and not edge.delayed:
-                cycle = _path(undeclared, reader, writer)
-                if cycle:
-                    names = " -> ".join(self.modules[p].name for p in (writer, *cycle))
-                    self._fault("cycle", edge.reader, f"closes {names} without a declared delay. {advice}")
-                elif edge.meet:
-                    told = f"runs before {first!r}, which writes it: the value is at least {text(edge.age_ns[0])} old"
-                    self._fault("order", edge.reader, f"{told}. {advice} or put {first!r} before {second!r}")
 
     def faults(self) -> list[Fault]:
         """All that is wrong; empty if the graph can run."""

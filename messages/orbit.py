@@ -19,6 +19,7 @@ class PhotoTimeMsg(Message):
     even: Annotated[bool, "-", "the shutter ran evenly, so that the errors of all photos lie on a line in time"] = False
     attempt: Annotated[int, "-", "how often this photo was tried before without success", Bound(ge=0)] = 0
     last: Annotated[bool, "-", "no other photo of this round follows"] = False
+    calibrate: Annotated[bool, "-", "lens, mounting and clock are to be estimated at the end of this round"] = False
 
 
 class OrbitClockMsg(Message):

@@ -235,7 +235,7 @@ def test_report_as_text_and_json() -> None:
 
 def test_label_says_what_a_reader_sees_at_first() -> None:
     tasks, _ = pair((s(5), s(2)), (s(3), 0), True)
-    assert Graph(tasks).edges[0].label == "CountMsg, 5 s to 2 s, age 1 s to 5 s, none at the first 2 steps"
+    assert Graph(tasks).edges[0].label == "CountMsg, 5 s to 2 s, age 1 s to 5 s, none in the first 2 steps"
 
 
 def test_faulty_graph_is_still_reported_and_drawn() -> None:

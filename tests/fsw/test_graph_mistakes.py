@@ -304,11 +304,11 @@ CASES: dict[
     ),
     "source set to a wrong type": (
         assigned("control.in_estimate.source", "plant.out_state"),
-        [("type", "control.in_estimate", "set source"), ("two sources", "control.in_estimate", "disconnect")],
+        [("type", "control.in_estimate", CONNECT), ("two sources", "control.in_estimate", "disconnect")],
     ),
     "source set to a module": (
         assigned("camera.in_state.source", "plant"),
-        [("type", "camera.in_state", "set source"), ("two sources", "camera.in_state", "disconnect")],
+        [("type", "camera.in_state", CONNECT), ("two sources", "camera.in_state", "disconnect")],
     ),
     "same name, other shape": (lambda r: r.namesake("m", 4), [("shape", "reader.in_state", "Import one class")]),
     "same name, other unit": (lambda r: r.namesake("km", 3), [("shape", "reader.in_state", "Import one class")]),

@@ -41,9 +41,6 @@ class OrbitMountEstimator(Module):
     class Params(Record):
         """What is known before, and how much of it is estimated."""
 
-        calibrate_rounds: Annotated[
-            int, "-", "rounds after which lens, mounting and clock are estimated", Bound(ge=0)
-        ] = 2
         sigma_focal: Annotated[float, "-", "of the focal length at the start, relative", Bound(gt=0)] = 0.05
         sigma_center: Annotated[float, "px", "of the principal point at the start", Bound(gt=0)] = 30.0
         sigma_radial: Annotated[float, "-", "of k1 and k2 at the start", Bound(gt=0)] = 0.3
@@ -74,18 +71,13 @@ class OrbitMountEstimator(Module):
         Args:
             name: unique name. orbit: the approximate orbit, to which positions are held in the calibration.
             camera: the lens at the start, and the mounting if it is known. accuracy: of an earlier calibration.
+                Until there is one, or one is made, tracks are not estimated.
             params: see Params.
-
-        Raises:
-            ValueError: if nothing is to be calibrated and ``accuracy`` is missing.
         """
         super().__init__(name, params)
-        if accuracy is None and not self.params.calibrate_rounds:
-            text = "without a calibration to be made, accuracy must be that of an earlier one, got None"
-            raise ValueError(f"OrbitMountEstimator {name!r}: {text}")
         self.orbit, self.camera, self.accuracy = orbit, camera, accuracy
         self._seen: dict[int, Seen] = {}
-        self._rounds = 0
+        self._calibrated = accuracy is not None
         self._lens = lens_vector(camera)
         self._dcm_CO: F64 = np.array(camera.dcm_CB)
         self._clock_P = np.zeros((2, 2))
@@ -99,10 +91,8 @@ class OrbitMountEstimator(Module):
             same = time.exposure_ns == landmarks.exposure_ns == fix.exposure_ns
             if same and fix.valid:
                 self._keep(time, landmarks, fix)
-        if time.last:
-            self._rounds += 1
-            if self._seen:
-                self._estimate(t_ns)
+        if time.last and self._seen and (time.calibrate or self._calibrated):
+            self._estimate(t_ns, time.calibrate)
 
     def _keep(self, time: PhotoTimeMsg, landmarks: LandmarksMsg, fix: PoseFixMsg) -> None:
         n = landmarks.count
@@ -114,17 +104,15 @@ class OrbitMountEstimator(Module):
         )
         self._seen[time.exposure_ns] = Seen(time=time, data=data, dcm_CE=dcm_from_beta(fix.beta_CE))
 
-    def _estimate(self, t_ns: int) -> None:
+    def _estimate(self, t_ns: int, calibrate: bool) -> None:
         seen = [self._seen[key] for key in sorted(self._seen)]
         times, photos = [s.time for s in seen], [s.data for s in seen]
         reference_ns = (times[0].exposure_ns + times[-1].exposure_ns) // 2
         weights = Weights.of(self.params, self.orbit, reference_ns * 1e-9, float(self.camera.focal_px[0]))
-        if self._rounds <= self.params.calibrate_rounds:
-            if self._rounds == 1:
-                turns = [s.dcm_CE @ self.orbit.frames(s.data.exposure_s)[1].T for s in seen]
-                self._dcm_CO = mean_dcm(turns)
+        if calibrate:
+            self._dcm_CO = mean_dcm([x.dcm_CE @ self.orbit.frames(x.data.exposure_s)[1].T for x in seen])
             state = self._calibrate(times, photos, reference_ns, weights)
-            self._lens, self._dcm_CO = state.lens, state.dcm_CO
+            self._lens, self._dcm_CO, self._calibrated = state.lens, state.dcm_CO, True
             self.out_camera.write(camera_message(state, self.camera), t_ns)
             self.out_accuracy.write(accuracy_message(state, weights), t_ns)
             self._clock_P = state.P[CLOCK, CLOCK]

@@ -77,6 +77,11 @@ def largest_sigma(P: F64) -> float:
     return math.sqrt(float(eigenvalues[-1]))
 
 
+def rms_length(vectors: F64) -> float:
+    """Root mean square length of vectors (n, m)."""
+    return math.sqrt(float(np.square(vectors).sum()) / len(vectors))
+
+
 def check(quality: Quality, limits: Limits) -> FixStatus:
     """The first check that a fix fails, or VALID."""
     q = quality

@@ -18,6 +18,7 @@ from modules.estimation.pose_from_landmarks.kernel import (
     height_of,
     largest_sigma,
     prior_distance,
+    rms_length,
 )
 from modules.estimation.pose_from_landmarks.status import FixStatus
 from modules.estimation.rotations import beta_from_dcm, dcm_from_beta
@@ -33,23 +34,15 @@ class PoseFromLandmarks(Module):
         """Limits of the checks, and how far the covariance is widened."""
 
         reject: Annotated[float, "-", "landmarks beyond this many robust sigma do not count", Bound(gt=1)] = 3.0
-        inflation: Annotated[
-            float, "-", "factor on the formal sigma: errors of map and heights are shared by neighbours", Bound(ge=1)
-        ] = 4.0
+        inflation: Annotated[float, "-", "factor on the formal sigma", Bound(ge=1)] = 4.0
         min_inliers: Annotated[int, "-", "fewest landmarks used", Bound(ge=6)] = 100
-        min_share: Annotated[float, "-", "least share of the candidates used", Bound(ge=0, le=1)] = 0.6
-        min_cells: Annotated[int, "-", "fewest of the 6 x 4 cells of the image with a landmark", Bound(ge=1, le=24)] = (
-            10
-        )
-        max_rms_px: Annotated[float, "px", "greatest root mean square residual, two-dimensional", Bound(gt=0)] = 2.5
+        min_share: Annotated[float, "-", "least share of the candidates used", Bound(ge=0, le=1)] = 0.5
+        min_cells: Annotated[int, "-", "fewest of the 24 cells of the image in use", Bound(ge=1, le=24)] = 10
+        max_rms_px: Annotated[float, "px", "greatest rms residual, two-dimensional", Bound(gt=0)] = 2.5
         min_altitude: Annotated[float, "m", "least height above the ellipsoid"] = 150e3
         max_altitude: Annotated[float, "m", "greatest height above the ellipsoid"] = 2000e3
-        max_sigma: Annotated[
-            float, "m", "greatest standard deviation of the position in any direction", Bound(gt=0)
-        ] = 5000.0
-        prior_gate_sigma: Annotated[float, "-", "greatest distance from the prior in sigma; 0 for any", Bound(ge=0)] = (
-            6.0
-        )
+        max_sigma: Annotated[float, "m", "greatest sigma of the position, any direction", Bound(gt=0)] = 5000.0
+        prior_gate_sigma: Annotated[float, "-", "greatest distance from the prior, 0 for any", Bound(ge=0)] = 6.0
 
     params: Params
     in_landmarks = In(LandmarksMsg)
@@ -82,7 +75,7 @@ class PoseFromLandmarks(Module):
             inliers=int(used.sum()),
             candidates=marks.candidates,
             cells=cells_hit(pixel[used], (camera.height_px, camera.width_px)),
-            rms_px=float(np.sqrt(np.mean(np.sum(fit.residual_px[used] ** 2, axis=1)))),
+            rms_px=rms_length(fit.residual_px[used]),
             altitude=height_of(fit.r_CE_E),
             sigma=largest_sigma(P_pose[:3, :3]),
             distance=prior_distance(

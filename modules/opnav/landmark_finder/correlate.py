@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import cv2
@@ -19,6 +21,7 @@ MIN_CONTRAST = 2.0
 EDGE_BLUR_PX = 1.0
 """Standard deviation of the smoothing before the gradient: noise of the photo, and blocks of a compressed map."""
 EDGE_GAIN = 10.0
+WORKERS = os.cpu_count() or 1
 CV: Any = cv2
 
 
@@ -87,12 +90,22 @@ def match_chips(
     """
     reach = HALF + window
     padded = CV.copyMakeBorder(photo, window, window, window, window, cv2.BORDER_CONSTANT, value=0)
-    found = np.full((len(centres), 3), np.nan)
-    for n, (column, row) in enumerate(centres.tolist()):
+    found, places = np.full((len(centres), 3), np.nan), centres.tolist()
+
+    def look(n: int) -> None:
+        column, row = places[n]
         chip = chips[row - HALF : row + HALF + 1, column - HALF : column + HALF + 1]
         top, left = row + window - reach, column + window - reach
         area = padded[top : top + 2 * reach + 1, left : left + 2 * reach + 1]
         peak(CV.matchTemplate(area, chip, cv2.TM_CCOEFF_NORMED), min_score, min_lead, found[n])
+
+    def share(first: int) -> None:
+        for n in range(first, len(places), WORKERS):
+            look(n)
+
+    # Each chip has its own row of the answer, so the number of threads changes nothing but the time
+    with ThreadPoolExecutor(WORKERS) as pool:
+        list(pool.map(share, range(WORKERS)))
     good = np.isfinite(found[:, 0])
     seen: F64 = centres[good].astype(np.float64) + found[good, :2] - window
     rows, columns = photo.shape

@@ -26,7 +26,7 @@ class PlayedPhoto(msgspec.Struct, frozen=True, kw_only=True):
 class PhotoPlayer(Module):
     """Plays stored photos, one a step, as often and in the order it is told. See SPEC.md."""
 
-    shared = ("photos",)
+    shared = ("photos", "_paths")
     out_time = Out(PhotoTimeMsg)
     out_image = Out(CameraImageMsg)
 
@@ -45,10 +45,15 @@ class PhotoPlayer(Module):
             if times.count(photo.exposure_ns) > 1:
                 text = f"{photo.path} has the same exposure time as another photo; leave one of them out"
                 raise ValueError(f"PhotoPlayer {name!r}: {text}")
-        self._waiting: list[tuple[int, int, bool]] = []
+        self._paths = {p.exposure_ns: p.path for p in self.photos}
+        self._waiting: list[PhotoTimeMsg] = []
 
-    def queue(self, indices: Sequence[int], attempt: int = 0) -> None:
-        """Add a round: the photos of these indices, in this order, to be searched for with this attempt.
+    def queue(self, indices: Sequence[int], attempt: int = 0, *, calibrate: bool = False) -> None:
+        """Add a round: the photos of these indices, in this order.
+
+        Args:
+            indices: into `photos`. attempt: for how many rounds these photos have failed before.
+            calibrate: whether lens, mounting and clock are to be estimated at the end of the round.
 
         Raises:
             IndexError: if there is no such photo.
@@ -56,8 +61,20 @@ class PhotoPlayer(Module):
         for i in indices:
             if not 0 <= i < len(self.photos):
                 raise IndexError(f"PhotoPlayer {self.name!r}: there are {len(self.photos)} photos, no number {i}")
-        last = len(indices) - 1
-        self._waiting += [(i, attempt, k == last) for k, i in enumerate(indices)]
+        for k, i in enumerate(indices):
+            photo = self.photos[i]
+            self._waiting.append(
+                PhotoTimeMsg(
+                    exposure_ns=photo.exposure_ns,
+                    earliest_ns=photo.earliest_ns,
+                    latest_ns=photo.latest_ns,
+                    sigma_s=photo.sigma_s,
+                    even=photo.even,
+                    attempt=attempt,
+                    last=k == len(indices) - 1,
+                    calibrate=calibrate,
+                )
+            )
 
     @property
     def waiting(self) -> int:
@@ -68,22 +85,11 @@ class PhotoPlayer(Module):
         """Publish the next photo and its time, or nothing if none waits."""
         if not self._waiting:
             return
-        index, attempt, last = self._waiting.pop(0)
-        photo = self.photos[index]
+        time = self._waiting.pop(0)
+        path = self._paths[time.exposure_ns]
         try:
-            image = read_image(photo.path)
+            image = read_image(path)
         except PhotoError as error:
             raise PhotoError(f"{error} (it could be when the run began)") from error
-        self.out_time.write(
-            PhotoTimeMsg(
-                exposure_ns=photo.exposure_ns,
-                earliest_ns=photo.earliest_ns,
-                latest_ns=photo.latest_ns,
-                sigma_s=photo.sigma_s,
-                even=photo.even,
-                attempt=attempt,
-                last=last,
-            ),
-            t_ns,
-        )
-        self.out_image.write(CameraImageMsg(image=image, exposure_ns=photo.exposure_ns, label=photo.path), t_ns)
+        self.out_time.write(time, t_ns)
+        self.out_image.write(CameraImageMsg(image=image, exposure_ns=time.exposure_ns, label=path), t_ns)

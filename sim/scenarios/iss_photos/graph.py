@@ -10,7 +10,7 @@ from fsw import Recording, Simulation, Task, s
 from messages.opnav import LandmarksMsg, PoseFixMsg
 from modules.estimation.orbit_mount_estimator import OrbitMountEstimator
 from modules.estimation.orbit_pose_prior import OrbitPosePrior, TleOrbit
-from modules.estimation.pose_from_landmarks import PoseFromLandmarks
+from modules.estimation.pose_from_landmarks import FixStatus, PoseFromLandmarks
 from modules.opnav.landmark_finder import LandmarkFinder
 from sim.camera.photo_player import PhotoPlayer
 from sim.scenarios.iss_photos.inputs import Inputs
@@ -29,23 +29,28 @@ class Run(msgspec.Struct, kw_only=True):
     fixes: Recording[PoseFixMsg]
     landmarks: Recording[LandmarksMsg]
 
-    def round(self, indices: list[int], attempt: int, tick: Callable[[], None]) -> list[int]:
-        """Play photos once; returns the indices of those that gave no valid fix.
+    def round(
+        self, indices: list[int], tick: Callable[[], None], attempt: int = 0, *, calibrate: bool = False
+    ) -> dict[int, FixStatus]:
+        """Play photos once.
 
         Args:
-            indices: of the photos. attempt: 0 as predicted, 1 with a wide prior, 2 with the attitude unknown.
-            tick: called after each photo.
+            indices: of the photos. tick: called after each photo.
+            attempt: 0 as predicted, 1 with a wide prior, 2 with the attitude unknown.
+            calibrate: estimate lens, mounting and clock at the end.
+
+        Returns:
+            How each photo did, by index.
         """
-        self.player.queue(indices, attempt)
-        failed: list[int] = []
+        self.player.queue(indices, attempt, calibrate=calibrate)
+        done: dict[int, FixStatus] = {}
         for i in indices:
             self.simulation.step()
             tick()
-            rows = self.fixes.rows()
-            fix = rows[-1] if len(rows) else None
-            if fix is None or fix["exposure_ns"] != self.player.photos[i].exposure_ns or not fix["valid"]:
-                failed.append(i)
-        return failed
+            fix = self.fixes.port.latest()
+            known = fix is not None and fix.exposure_ns == self.player.photos[i].exposure_ns
+            done[i] = FixStatus(fix.status) if known and fix is not None else FixStatus.NO_LANDMARKS
+        return done
 
 
 def build(inputs: Inputs, orbit: TleOrbit | None = None, sigma_shift_m: float = 0.0) -> Run:
@@ -63,8 +68,7 @@ def build(inputs: Inputs, orbit: TleOrbit | None = None, sigma_shift_m: float = 
     finder = LandmarkFinder("landmark_finder", geo_map=inputs.geo_map)
     pose_params = PoseFromLandmarks.Params(min_altitude=LOWEST_M, max_altitude=HIGHEST_M)
     pose = PoseFromLandmarks("pose_from_landmarks", pose_params)
-    params = OrbitMountEstimator.Params(calibrate_rounds=2 if inputs.accuracy is None else 0)
-    estimator = OrbitMountEstimator("orbit_mount_estimator", orbit, inputs.camera, inputs.accuracy, params)
+    estimator = OrbitMountEstimator("orbit_mount_estimator", orbit, inputs.camera, inputs.accuracy)
     player.out_time.connect(prior.in_time)
     player.out_time.connect(estimator.in_time)
     player.out_image.connect(finder.in_image)

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from fsw import ModuleError
+from modules.estimation.pose_from_landmarks import FixStatus
 from sim.scenarios.iss_photos.camera_file import calibration_json
 from sim.scenarios.iss_photos.graph import Run, build
 from sim.scenarios.iss_photos.inputs import BAD, Inputs, read_inputs
@@ -25,6 +26,7 @@ from sim.scenarios.iss_photos.results import Results, collect, tuned_cadence
 from sim.scenarios.iss_photos.shift import ShiftRow, shift_study
 from sim.scenarios.iss_photos.writing import fixes_csv, output_folder
 
+_ENOUGH = 2
 OK, NO_PHOTO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Ticker = Callable[[str, int], contextlib.AbstractContextManager[Callable[[], None]]]
 
@@ -32,27 +34,30 @@ Ticker = Callable[[str, int], contextlib.AbstractContextManager[Callable[[], Non
 def locate(inputs: Inputs, ticker: Ticker) -> Run:
     """Play the photos through the graph, as often as it takes.
 
-    Without a calibration: first with the attitude unknown, to get a first mounting and lens from those photos that can
-    be found so; then all with that mounting, to calibrate; then all again for the result. Photos that fail get a
-    second and a third try with a wider prior.
+    Without a calibration: first, from the last photo to the first, until two are located; each of them improves what is
+    known of mounting and lens. Then all photos, to calibrate; then all again for the result. Photos whose pose is
+    clear but far from the orbit get a second and a third try, in which the orbit is trusted less.
     """
     run = build(inputs)
     every = list(range(len(inputs.played)))
-    names = ["first look"] if inputs.accuracy is None else []
-    for name in names:
-        with ticker(name, len(every)) as tick:
-            failed = run.round(every, 0, tick)
-        if len(failed) == len(every):
-            return run
     if inputs.accuracy is None:
+        with ticker("first look", len(every)) as tick:
+            located = 0
+            for i in reversed(every):
+                located += run.round([i], tick, calibrate=True)[i] is FixStatus.VALID
+                if located == _ENOUGH:
+                    break
+        if not located:
+            return run
         with ticker("calibration", len(every)) as tick:
-            run.round(every, 0, tick)
+            run.round(every, tick, calibrate=True)
     with ticker("positions", len(every)) as tick:
-        failed = run.round(every, 0, tick)
-    for attempt, name in ((1, "second try"), (2, "third try")):
-        if failed:
-            with ticker(name, len(failed)) as tick:
-                failed = run.round(failed, attempt, tick)
+        done = run.round(every, tick)
+    for attempt in (1, 2):
+        far = [i for i in every if done[i] is FixStatus.AGAINST_PRIOR]
+        if far:
+            with ticker(f"far from orbit {attempt}", len(far)) as tick:
+                done |= run.round(far, tick, attempt)
     return run
 
 
@@ -79,7 +84,7 @@ def write_results(folder: Path, inputs: Inputs, results: Results, shifts: list[S
 def _ticker(console: Console) -> Ticker:
     @contextlib.contextmanager
     def stage(name: str, total: int) -> Generator[Callable[[], None]]:
-        columns = TextColumn("{task.description:12s}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+        columns = TextColumn("{task.description:16s}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
         with Progress(*columns, console=console) as progress:
             task = progress.add_task(name, total=total)
             yield lambda: progress.advance(task)

@@ -51,7 +51,7 @@ def shift_study(
                 offset = np.zeros(3)
                 offset[axis] = shift
                 run = build(calibrated, inputs.orbit.shifted(offset), sigma_shift_m=shift)
-                run.round(chosen, 0, tick)
+                run.round(chosen, tick)
                 moved: list[float] = []
                 for row in run.fixes.rows():
                     index: int = next(i for i in chosen if inputs.played[i].exposure_ns == row["exposure_ns"])

@@ -86,16 +86,29 @@ def simulated_pass(
         points = r + (-down - np.sqrt(down**2 - (r @ r - radius**2)))[:, None] * rays
         pixels = project(dcm_CE, r, points) + 0.8 * rng.standard_normal((400, 2))
         pixels[:40] += 10.0 * rng.standard_normal((40, 2))
-        looks.append(look(exposure, stamp, points, pixels, dcm_CE, r, last=k == count - 1))
+        looks.append(look(exposure, stamp, points, pixels, dcm_CE, r, last=k == count - 1, calibrate=cut))
     return looks
 
 
 def look(
-    exposure: float, stamp: float, points: np.ndarray, pixels: np.ndarray, dcm: np.ndarray, r: np.ndarray, last: bool
+    exposure: float,
+    stamp: float,
+    points: np.ndarray,
+    pixels: np.ndarray,
+    dcm: np.ndarray,
+    r: np.ndarray,
+    last: bool,
+    calibrate: bool,
 ) -> Look:
     n, ns = len(points), s(exposure)
     time = PhotoTimeMsg(
-        exposure_ns=ns, earliest_ns=s(stamp), latest_ns=s(stamp + 1.0), sigma_s=0.15, even=True, last=last
+        exposure_ns=ns,
+        earliest_ns=s(stamp),
+        latest_ns=s(stamp + 1.0),
+        sigma_s=0.15,
+        even=True,
+        last=last,
+        calibrate=calibrate,
     )
     fields: dict[str, Any] = {}
     for name, values in (("r_LE_E", points), ("pixel_px", pixels), ("sigma_px", np.ones(n)), ("score", np.ones(n))):
@@ -131,8 +144,7 @@ class Finder(Module):
 
 def estimate(looks: list[Look], camera: CameraConfigMsg = NOMINAL, accuracy: CameraAccuracyMsg | None = None) -> Any:
     """Run the estimator in a simulation and return it with the simulation."""
-    params = OrbitMountEstimator.Params(calibrate_rounds=0 if accuracy else 2)
-    estimator = OrbitMountEstimator("estimator", ORBIT, camera, accuracy, params)
+    estimator = OrbitMountEstimator("estimator", ORBIT, camera, accuracy)
     finder = Finder(looks)
     for name in ("time", "landmarks", "fix"):
         getattr(finder, f"out_{name}").connect(getattr(estimator, f"in_{name}"))
@@ -293,10 +305,9 @@ def test_second_run_after_reset_is_identical() -> None:
     np.testing.assert_array_equal(estimator.out_camera.latest().dcm_CB, first.dcm_CB)
 
 
-def test_nothing_to_calibrate_and_no_calibration_is_refused() -> None:
-    params = OrbitMountEstimator.Params(calibrate_rounds=0)
-    with pytest.raises(ValueError, match="accuracy must be that of an earlier one"):
-        OrbitMountEstimator("estimator", ORBIT, NOMINAL, None, params)
+def test_no_track_is_estimated_before_there_is_a_calibration() -> None:
+    estimator, _ = estimate(simulated_pass(count=2, cut=False))
+    assert all(port.seq == 0 for port in estimator.outputs)
 
 
 def test_data_of_another_photo_are_not_mixed_in() -> None:

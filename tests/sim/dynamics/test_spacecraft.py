@@ -68,7 +68,7 @@ def gradient_of_j2(r: F64) -> F64:
 
 def turned_back(q: F64, a: F64) -> F64:
     """B components to N components by Euler parameters: a + 2 q x (q x a + q0 a)."""
-    return a + 2.0 * np.cross(q[1:], np.cross(q[1:], a) + q[0] * a)
+    return np.asarray(a + 2.0 * np.cross(q[1:], np.cross(q[1:], a) + q[0] * a), np.float64)
 
 
 @functools.cache

@@ -1,0 +1,228 @@
+"""Every compiled module of the repository: it leaves its inputs alone, means the same uncompiled, and trusts nothing blindly.
+
+Modules are found by themselves; messages and parameters are made from their declarations, with names as the guide
+(``beta_`` is a unit quaternion, ``dcm_`` a rotation, ``r_`` a position in orbit). A module that needs more than that
+gets it in `PARAMS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import modules
+import sim
+from fsw import In, KernelModule, Message, Module, Out, OutPort, Record, s
+from fsw.math.compiled import COMPILE
+from fsw.streams import stream_words
+from messages.base import F64, Field, fields_of
+
+ULPS = 4.0
+"""Units in the last place of an array's largest element by which compiled and plain code may differ.
+
+Both do the same IEEE operations in the same order, and nearly always agree to the last bit. The compiler may merge
+constants or use another library's sine, which moves an intermediate result by one unit; sums pass that on.
+"""
+
+PARAMS: dict[str, Callable[[], Record]] = {}
+"""Parameters and states by ``Class.Params`` or ``Class.State``, where the rules below cannot make them."""
+
+
+def kernel_modules() -> list[type[KernelModule]]:
+    """All classes of compiled modules in ``modules`` and ``sim``."""
+    found: set[type[KernelModule]] = set()
+    for package in (modules, sim):
+        for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if info.name.endswith(".module"):
+                members = vars(importlib.import_module(info.name)).values()
+                found |= {
+                    m for m in members if isinstance(m, type) and issubclass(m, KernelModule) and m is not KernelModule
+                }
+    return sorted(found, key=lambda c: f"{c.__module__}.{c.__qualname__}")
+
+
+CLASSES = kernel_modules()
+
+
+def plausible(field: Field, rng: np.random.Generator) -> Any:
+    """A value of a field that a real system could have."""
+    name, shape = field.name, field.shape
+    if field.kind == "bool":
+        return True
+    if field.kind == "int":
+        return np.zeros(shape, np.int64) if shape else 0
+    if name.startswith("inertia"):
+        return np.diag([900.0, 800.0, 600.0]) + np.array([[0, 12.0, -7.0], [12.0, 0, 20.0], [-7.0, 20.0, 0]])
+    if name.startswith("beta_"):
+        return Rotation.random(rng=rng).as_quat(scalar_first=True, canonical=True)
+    if name.startswith("dcm_"):
+        return Rotation.random(rng=rng).as_matrix()
+    if name.startswith("P_") and len(shape) == 2:
+        root = rng.normal(size=shape)
+        return root @ root.T + np.eye(shape[0])
+    size = 7e6 if name.startswith("r_") else 7e3 if name.startswith("v_") else 0.01
+    value = size * rng.uniform(0.2, 1.0, shape) * rng.choice([-1.0, 1.0], shape)
+    limits = dict(field.bound.limits) if field.bound else {}
+    if limits:
+        low = max(limits.get(">", -np.inf), limits.get(">=", -np.inf))
+        high = min(limits.get("<", np.inf), limits.get("<=", np.inf))
+        value = np.clip(np.abs(value), low if low > 0 else value * 0 + 1e-3, high)
+    return value if shape else float(value)
+
+
+def record(kind: type[Record], rng: np.random.Generator) -> Record:
+    """A record of which only what has no default is made up."""
+    if kind.__qualname__ in PARAMS:
+        return PARAMS[kind.__qualname__]()
+    needed = [f for f in fields_of(kind) if f.default is msgspec.NODEFAULT]
+    return kind(**{f.name: plausible(f, rng) for f in needed})
+
+
+def message(kind: type[Message], rng: np.random.Generator) -> Message:
+    """A message with every field made up."""
+    return kind(**{f.name: plausible(f, rng) for f in fields_of(kind)})
+
+
+class Rig:
+    """One module with a source for each input."""
+
+    def __init__(self, cls: type[KernelModule], seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        build: Any = cls
+        self.module: KernelModule = build("module", record(cls.Params, self.rng), record(cls.State, self.rng))
+        self.module.seed(lambda field: stream_words(seed, "module", field))
+        self.sources: dict[str, OutPort[Any]] = {}
+        owner = Module("sources")
+        for name, declared in cls.ports.items():
+            if isinstance(declared, In):
+                self.sources[name] = OutPort(owner, name, declared.kind)
+                self.sources[name].connect(vars(self.module)[name])
+
+    def feed(self, t_ns: int) -> None:
+        for source in self.sources.values():
+            source.write(message(source.kind, self.rng), t_ns)
+
+    def inputs(self) -> list[bytes]:
+        """Bytes of everything that a kernel must leave alone."""
+        rows = self.module.kernel_rows()
+        ports = type(self.module).ports
+        read = [i + 2 for i, n in enumerate(self.module.kernel_ports) if isinstance(ports[n], In)]
+        return [rows[i].tobytes() for i in (0, *read)]
+
+    def written(self) -> list[Any]:
+        """State and outputs."""
+        return [r.copy() for r in self.module.rows()[1:]]
+
+    def step(self, t_ns: int, compiled: bool) -> bool:
+        """Run one step; False if it raised."""
+        try:
+            if compiled:
+                self.module.step(t_ns)
+            else:
+                self.module.step_uncompiled(t_ns)
+        except (RuntimeError, ValueError):
+            return False
+        return True
+
+
+def leaves(row: Any) -> Iterator[tuple[str, F64]]:
+    """Fields of a row, by name."""
+    for name in row.dtype.names:
+        yield name, row[name]
+
+
+def test_modules_are_found() -> None:
+    assert {"Spacecraft", "Gyro", "StarTracker", "AttitudeReadout", "MrpFeedback"} <= {c.__name__ for c in CLASSES}
+
+
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
+def test_inputs_and_parameters_stay(cls: type[KernelModule]) -> None:
+    rig = Rig(cls, 1)
+    for k in range(4):
+        rig.feed(s(k))
+        before = rig.inputs()
+        rig.step(s(k), compiled=True)
+        assert rig.inputs() == before
+
+
+@pytest.mark.skipif(not COMPILE, reason="there is nothing to compare when compilation is off")
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
+def test_compiled_and_plain_agree(cls: type[KernelModule]) -> None:
+    fast, plain = Rig(cls, 2), Rig(cls, 2)
+    for k in range(12):
+        for rig in (fast, plain):
+            rig.feed(s(k))
+        assert fast.step(s(k), compiled=True) == plain.step(s(k), compiled=False)
+        for a, b in zip(fast.written(), plain.written(), strict=True):
+            for (name, x), (_, y) in zip(leaves(a), leaves(b), strict=True):
+                if x.dtype.kind == "f":
+                    tolerance = ULPS * np.spacing(np.nanmax(np.abs(y), initial=0.0))
+                    np.testing.assert_allclose(x, y, rtol=0, atol=float(tolerance), err_msg=name)
+                else:
+                    np.testing.assert_array_equal(x, y, err_msg=name)
+
+
+def published_numbers(rig: Rig, seen: dict[str, int]) -> dict[str, bool]:
+    """For each output written since ``seen``: whether all its float fields are finite, and it does not say invalid."""
+    good: dict[str, bool] = {}
+    for name, declared in type(rig.module).ports.items():
+        if isinstance(declared, Out) and vars(rig.module)[name].seq > seen[name]:
+            row = vars(rig.module)[name].row
+            finite = all(np.all(np.isfinite(x)) for _, x in leaves(row) if x.dtype.kind == "f")
+            good[name] = finite and bool("valid" not in row.dtype.names or row["valid"][0])
+    return good
+
+
+def counts(rig: Rig) -> dict[str, int]:
+    return {n: vars(rig.module)[n].seq for n, p in type(rig.module).ports.items() if isinstance(p, Out)}
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "plain"])
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
+def test_never_written_inputs_give_nothing(cls: type[KernelModule], compiled: bool) -> None:
+    """Without any input nothing is published, unless all inputs are optional."""
+    rig = Rig(cls, 3)
+    needed = [p for p in cls.ports.values() if isinstance(p, In) and not p.optional]
+    if not needed:
+        pytest.skip("every input is optional")
+    before = counts(rig)
+    for k in range(3):
+        rig.step(s(k), compiled=compiled)
+    assert counts(rig) == before
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "plain"])
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
+def test_nan_input_is_not_passed_off_as_data(cls: type[KernelModule], compiled: bool) -> None:
+    """All inputs NaN: the step raises, publishes nothing, publishes NaN, or says that the output is invalid.
+
+    And the state keeps no NaN: once the inputs are good again, so are the outputs.
+    """
+    rig = Rig(cls, 4)
+    if not rig.sources:
+        pytest.skip("the module has no inputs")
+    for k in range(3):
+        rig.feed(s(k))
+        rig.step(s(k), compiled=compiled)
+    expected = {n for n, count in counts(rig).items() if count > 0}
+    seen = counts(rig)
+    rig.feed(s(3))
+    for source in rig.sources.values():
+        for name, values in leaves(source.row):
+            if values.dtype.kind == "f":
+                source.row[name] = np.nan
+    rig.step(s(3), compiled=compiled)
+    assert not any(published_numbers(rig, seen).values())
+    for k in range(4, 7):
+        seen = counts(rig)
+        rig.feed(s(k))
+        assert rig.step(s(k), compiled=compiled)
+    good = published_numbers(rig, seen)
+    assert {n for n, is_good in good.items() if is_good} == expected
