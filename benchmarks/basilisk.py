@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.case import Case
 from benchmarks.timing import timed
-
-if TYPE_CHECKING:
-    from benchmarks.closed_loop import Case
 
 PERIOD_NS = 100_000_000
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.case import Case
 from benchmarks.timing import Line, figure, interleaved, timed
 from fsw import Simulation, Task, ms
 from fsw.math.gravity import J2_EARTH, MU_EARTH, RADIUS_EARTH
@@ -24,23 +24,6 @@ from sim.sensors.star_tracker import StarTracker
 SPEED_BAR = 1.0 / 8.0
 RECORDING_BAR = 0.15
 AGREE_TICKS = 6000
-
-
-class Case(msgspec.Struct, frozen=True):
-    """Initial state and parameters of both sides, SI, in the notation of docs/conventions.md."""
-
-    r_BN_N: NDArray[np.float64]
-    v_BN_N: NDArray[np.float64]
-    sigma_BN: NDArray[np.float64]
-    omega_BN_B: NDArray[np.float64]
-    inertia_B: NDArray[np.float64]
-    mass: float = 750.0
-    mu: float = MU_EARTH
-    radius: float = RADIUS_EARTH
-    j2: float = J2_EARTH
-    gain_K: float = 3.5
-    gain_P: float = 30.0
-    period_ns: int = ms(100)
 
 
 class Side(Protocol):
@@ -64,6 +47,9 @@ def same_case() -> Case:
         sigma_BN=np.array(state.sigma_BN),
         omega_BN_B=np.array(state.omega_BN_B),
         inertia_B=hill_pointing.INERTIA_B,
+        mu=MU_EARTH,
+        radius=RADIUS_EARTH,
+        j2=J2_EARTH,
     )
 
 

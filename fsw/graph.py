@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from fsw import picture
 from fsw.module import Module
-from fsw.ports import In, InPort, Out, OutPort, WiringError
+from fsw.ports import Collected, In, InPort, Out, OutPort
 from fsw.time import text
 
 if TYPE_CHECKING:
     from fsw.simulation import Simulation, Task
 
-Collected: TypeAlias = Sequence[tuple[str, InPort[Any], WiringError]]
-"""What `fsw.ports.collect_wiring_errors` notes: kind of fault, input, error."""
 _CONNECT = "Use writer.out_x.connect(reader.in_x); assign no ports, copy no modules"
 
 
@@ -101,7 +99,9 @@ class Graph:
         modules: those that could run, in order. tasks: the task of each. edges: their connections.
     """
 
-    def __init__(self, tasks: Sequence[Task], collected: Collected = (), simulation: Simulation | None = None) -> None:
+    def __init__(
+        self, tasks: Sequence[Task], collected: Sequence[Collected] = (), simulation: Simulation | None = None
+    ) -> None:
         self.modules: list[Module] = []
         self.tasks: list[Task] = []
         self.edges: list[Edge] = []
@@ -263,13 +263,25 @@ class Graph:
             shown = [dict(zip(keys, (t.name, t.period, t.phase, names), strict=True)) for t, names in tasks]
             found = {"tasks": shown, "edges": self.edges, "faults": self._faults}
             return msgspec.json.format(msgspec.json.encode(found, enc_hook=repr), indent=2).decode()
-        lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in picture.lanes(self)]
+        lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in self.lanes()]
         lines += [f"{e.source} -> {e.reader}: {e.label}{', delayed' if e.delayed else ''}" for e in self.edges]
         return "\n".join([*lines, f"faults: {len(self._faults)}", *map(str, self._faults)])
 
     def picture(self, format: Literal["mermaid", "dot", "svg"] = "svg") -> str:  # noqa: A002
         """The graph drawn: a lane for each task, its modules in order, connections with type, rates and latency."""
+        from fsw.tools import picture
+
         return {"mermaid": picture.mermaid, "dot": picture.dot, "svg": picture.svg}[format](self)
+
+    def lanes(self) -> list[tuple[str, list[tuple[int, str]]]]:
+        """Title of each task, and place and title of its modules."""
+        named = [(place, f"{m.name} ({type(m).__name__})") for place, m in enumerate(self.modules)]
+        tasks = groupby(named, key=lambda module: self.tasks[module[0]])
+        return [(f"{t.name}, every {_time(t.period)} from {_time(t.phase)}", list(modules)) for t, modules in tasks]
+
+
+def _time(t_ns: Any) -> str:
+    return text(t_ns) if type(t_ns) is int else repr(t_ns)
 
 
 def _is_time(value: Any, least: int) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Generic, Literal, Never, NoReturn, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,13 @@ class WiringError(Exception):
     """A connection that cannot be right. The message names both ports and says what to do."""
 
 
-_collected: list[tuple[str, InPort[Any], WiringError]] | None = None
+Collected: TypeAlias = tuple[str, "InPort[Any] | OutPort[Any]", WiringError]
+"""Kind of fault, port, error."""
+_collected: list[Collected] | None = None
 
 
 @contextlib.contextmanager
-def collect_wiring_errors() -> Generator[list[tuple[str, InPort[Any], WiringError]]]:
+def collect_wiring_errors() -> Generator[list[Collected]]:
     """Let `OutPort.connect` note its errors in the list yielded, as (kind, input, error), instead of raising them.
 
     `fsw check` builds a scenario in it, so that one report shows all faults.
@@ -140,8 +142,8 @@ class OutPort(Generic[M]):
             WiringError: if the input has a source already, the message classes differ, or ``reader`` is no input.
         """
         if not isinstance(reader, InPort):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise WiringError(f"{self} can only be connected to an input port, not to {reader!r}")
-        if reader.kind is not self.kind:
+            _complain("not an input", self, f"{self} can only be connected to an input port, not to {reader!r}")
+        elif reader.kind is not self.kind:
             _complain(*_mismatch(self, reader))
         elif reader.source is not None:
             text = f"{reader} already reads {reader.source}; it cannot also read {self}. Remove one connection"
@@ -195,6 +197,14 @@ class InPort(Generic[M]):
         self.taken = source.seq
         return source.latest()
 
+    def connect(self, reader: Never) -> NoReturn:
+        """Refused: connections are made from the output.
+
+        Raises:
+            WiringError: always.
+        """
+        raise WiringError(f"{self} is an input; connect from the output that feeds it: source.connect({self})")
+
     def disconnect(self) -> None:
         """Remove the connection, if there is one."""
         if self.source is not None:
@@ -226,11 +236,11 @@ def _mismatch(out: OutPort[Any], reader: InPort[Any]) -> tuple[str, InPort[Any],
     return "shape", reader, f"{head} of another declaration: {detail}. Import one class on both sides"
 
 
-def _complain(kind: str, reader: InPort[Any], text: str) -> None:
+def _complain(kind: str, port: InPort[Any] | OutPort[Any], text: str) -> None:
     error = WiringError(text)
     if _collected is None:
         raise error
-    _collected.append((kind, reader, error))
+    _collected.append((kind, port, error))
 
 
 class In(Generic[M]):

@@ -48,8 +48,9 @@ class Task:
         name: unique name. period: ns. modules: in the order in which they run. phase: ns, time of the first run.
     """
 
-    def __init__(self, name: str, period: int, modules: Sequence[Module], phase: int = 0) -> None:
-        self.name, self.period, self.modules, self.phase = name, period, list(modules), phase
+    def __init__(self, name: str, period: int, modules: Sequence[Module] | Module, phase: int = 0) -> None:
+        self.modules = [modules] if isinstance(modules, Module) else list(modules)
+        self.name, self.period, self.phase = name, period, phase
 
     def __repr__(self) -> str:
         return f"Task({self.name!r})"
@@ -82,13 +83,12 @@ class Simulation:
     compiled before the first run, so wires and recordings may be added until then (and between runs).
 
     Attributes:
-        t_ns: all instants up to this time have run. tasks, modules, seed: as given.
+        t_ns: all instants up to this time have run. tasks, seed: as given.
         timed: set it to measure the wall time of each module, see `timing`.
     """
 
     def __init__(self, tasks: Sequence[Task], seed: int = 0) -> None:
         self.tasks, self.seed = list(tasks), seed
-        self.modules: list[Module] = [m for t in self.tasks if isinstance(t, Task) for m in t.modules]  # pyright: ignore[reportUnnecessaryIsInstance]
         self.t_ns = 0
         self.timed = False
         self._arena: NDArray[np.uint8] = np.zeros(0, np.uint8)
@@ -96,6 +96,11 @@ class Simulation:
         self._initial: Snapshot | None = None
         self._ready = False
         self._stop_requested = False
+
+    @property
+    def modules(self) -> list[Module]:
+        """All modules, in the order in which they run."""
+        return [m for t in self.tasks for m in t.modules]
 
     # --- building ---------------------------------------------------------------------------------------------------
 
@@ -112,6 +117,8 @@ class Simulation:
             self.graph().require_sound()
             if self._initial is None:
                 self._adopt()
+            elif self._tables is not None and self._tables.modules != self.modules:
+                raise ValueError("the modules of a simulation cannot change after its first run; make a new one")
             self._tables, self._ready = Tables(self.tasks, self._tables), True
             if self._initial is None:
                 self._initial = self.snapshot()

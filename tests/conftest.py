@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fsw.specs import CRITERIA, Spec, module_folders
+from fsw.tools.specs import CRITERIA, Spec, module_folders
 
 ROOT = Path(__file__).parents[1]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fsw.specs import check, module_folders
+from fsw.tools.specs import check, module_folders
 
 ROOT = Path(__file__).parents[1]
 

@@ -82,8 +82,9 @@ def mrp_shadow(sigma: V3) -> V3:
 @compiled
 def mrp_inner(sigma: V3) -> V3:
     """The MRP of the same attitude with length <= 1."""
-    if dot(sigma, sigma) > 1.0:
-        return mrp_shadow(sigma)
+    s2 = dot(sigma, sigma)
+    if s2 > 1.0:
+        return scale(-1.0 / s2, sigma)
     return sigma
 
 

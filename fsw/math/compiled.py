@@ -30,6 +30,6 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """
     if not COMPILE:
         return function
-    from numba import njit
+    import numba
 
-    return cast(Callable[P, R], njit(function, no_cfunc_wrapper=True, **OPTIONS))
+    return cast(Any, numba).njit(function, no_cfunc_wrapper=True, **OPTIONS)

@@ -71,7 +71,7 @@ def normal(stream: U64) -> float:
         if abs(z) < _X[i + _1]:
             return z
         if i == 0:
-            return _tail(stream) if u >= 0.0 else -_tail(stream)
+            return math.copysign(_tail(stream), u)
         if _F[i] + (_F[i + _1] - _F[i]) * uniform(stream) < math.exp(-0.5 * z * z):
             return z
 

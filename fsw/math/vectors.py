@@ -150,10 +150,14 @@ def determinant(m: M3) -> float:
 @compiled
 def inverse(m: M3) -> M3:
     """Inverse of m by cofactors, good for well-conditioned matrices such as inertias; NaN if m is singular."""
-    c0, c1, c2 = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
-    d = dot(m[0], c0)
+    a, b, c = cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
+    d = dot(m[0], a)
     k = 1.0 / d if d != 0.0 else math.nan
-    return transpose((scale(k, c0), scale(k, c1), scale(k, c2)))
+    return (
+        (k * a[0], k * b[0], k * c[0]),
+        (k * a[1], k * b[1], k * c[1]),
+        (k * a[2], k * b[2], k * c[2]),
+    )
 
 
 @compiled

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from messages.base import F64
-from modules.opnav.rasters import MapError, Raster
+from modules.opnav.rasters import MapError, Raster, apply
 
 __all__ = ["GeoMap", "HeightGrid", "MapError"]
 
@@ -90,7 +90,7 @@ class GeoMap:
         if patch is None:
             return None
         to_world = ~self.terrain.inverse
-        lon0, lat0 = to_world * (patch.column + 0.5 * factor, patch.row + 0.5 * factor)
-        lon1, lat1 = to_world * (patch.column + 1.5 * factor, patch.row + 1.5 * factor)
+        lon0, lat0 = apply(to_world, patch.column + 0.5 * factor, patch.row + 0.5 * factor)
+        lon1, lat1 = apply(to_world, patch.column + 1.5 * factor, patch.row + 1.5 * factor)
         grid = np.ascontiguousarray(patch.image)
         return HeightGrid(grid, *np.radians([lat0, lon0, lat1 - lat0, lon1 - lon0]).tolist())

@@ -97,7 +97,7 @@ class Raster:
             self.bands = [1, 2, 3] if data.count >= 3 and not heights else [1]
             self.scale, self.offset = float(data.scales[0]), float(data.offsets[0])
             self.stretch = None if heights or data.dtypes[0] == "uint8" else self._limits(data)
-            middle = data.transform * (data.width / 2.0, data.height / 2.0)
+            middle = apply(data.transform, data.width / 2.0, data.height / 2.0)
         self._patch: Patch | None = None
         try:
             lon, _ = WARP.transform(self.crs, "EPSG:4326", [middle[0]], [middle[1]])[:2]
@@ -126,7 +126,7 @@ class Raster:
             x, y = lon_deg, lat_deg
         else:
             x, y = self._warped(lon_deg, lat_deg)
-        column, row = self.inverse * (x, y)
+        column, row = apply(self.inverse, x, y)
         return column - 0.5, row - 0.5
 
     def _warped(self, lon_deg: F64, lat_deg: F64) -> tuple[F64, F64]:
@@ -185,6 +185,11 @@ class Raster:
         low, high = self.stretch
         scaled = (np.nan_to_num(band.astype(np.float64), nan=low) - low) * (255.0 / (high - low))
         return np.clip(np.rint(scaled), 0.0, 255.0).astype(np.uint8)
+
+
+def apply(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """An affine transform (a, b, c, d, e, f) of numbers or arrays."""
+    return transform.a * x + transform.b * y + transform.c, transform.d * x + transform.e * y + transform.f
 
 
 def _holds(patch: Patch, left: int, top: int, right: int, bottom: int) -> bool:

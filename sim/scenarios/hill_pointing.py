@@ -16,6 +16,7 @@ import numpy as np
 from fsw import Recording, Simulation, Task, minutes, ms, s
 from fsw.math.gravity import MU_EARTH
 from fsw.math.kepler import elements_to_rv
+from fsw.recorder import atomic
 from messages.attitude import AttGuidMsg
 from messages.base import F64
 from modules.control.mrp_feedback import MrpFeedback
@@ -109,7 +110,8 @@ def plot(guid: Recording[AttGuidMsg], path: Path) -> None:
     rate.legend()
     for axes in (angle, rate):
         axes.grid(visible=True, alpha=0.3)
-    figure.savefig(path, dpi=120)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=120)
 
 
 def table(guid: Recording[AttGuidMsg]) -> list[tuple[float, float, float]]:
@@ -145,7 +147,11 @@ def main(arguments: list[str] | None = None) -> int:
         out(f"{time_min:10.2f}   {error_deg:20.4f}   {rate_deg:18.5f}\n")
     if given.out is not None:
         picture = given.out / "hill_pointing.png"
-        plot(guid, picture)
+        try:
+            plot(guid, picture)
+        except OSError as error:
+            sys.stderr.write(f"cannot save {picture}: {error.strerror}; choose another folder with --out\n")
+            return 1
         out(f"saved {picture}\n")
     return 0
 

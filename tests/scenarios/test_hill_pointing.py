@@ -95,6 +95,17 @@ def test_main_prints_a_table_and_saves_a_plot(tmp_path: Path, capsys: pytest.Cap
     assert (tmp_path / "new" / "hill_pointing.png").stat().st_size > 10_000
 
 
+def test_main_says_what_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(SystemExit):
+        main(["--out", str(tmp_path / "file" / "new")])
+    assert "cannot make the folder" in capsys.readouterr().err
+    (tmp_path / "hill_pointing.png").mkdir()
+    assert main(["--minutes", "0.1", "--out", str(tmp_path)]) == 1
+    assert "cannot save" in capsys.readouterr().err
+    assert {p.name for p in tmp_path.iterdir()} == {"file", "hill_pointing.png"}
+
+
 @pytest.mark.parametrize("arguments", [["--minutes", "-1"], ["--minutes", "nan"], ["--seed", "x"]])
 def test_main_refuses_nonsense(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):

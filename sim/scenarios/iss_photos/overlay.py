@@ -22,10 +22,11 @@ _SMALLEST_PX = 150
 
 
 def water(image: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where a coloured map shows water: dark, with little red, and blue not far below green. (H, W)."""
+    """Where a coloured map shows water: dark, with little red, and blue not far below green (Blue Marble), (H, W)."""
     smooth = CV.GaussianBlur(image, (0, 0), 1.5).astype(np.int32)
     red, green, blue = smooth[..., 0], smooth[..., 1], smooth[..., 2]
-    return mask & (10 * red < 7 * blue) & (10 * blue > 8 * green) & (red + green + blue < 330)
+    dark = red + green + blue
+    return mask & (10 * red < 6 * np.maximum(green, blue)) & ((2 * blue > green) | (dark < 30)) & (dark < 330)
 
 
 def coast_lines(image: NDArray[np.uint8], mask: NDArray[np.bool_]) -> list[NDArray[np.int32]]:
@@ -49,7 +50,7 @@ def coast_lines(image: NDArray[np.uint8], mask: NDArray[np.bool_]) -> list[NDArr
 
 def draw_overlay(fix: Fix, camera: CameraConfigMsg, geo_map: GeoMap, sizes_px: float = 3.0) -> bytes:
     """A JPEG of the photo with landmarks and coast, or with the reason why there are none."""
-    picture = np.ascontiguousarray(read_image(fix.path))
+    picture = np.array(read_image(fix.path))
     if fix.valid and fix.r_CE_E is not None and fix.dcm_CE is not None and fix.landmarks is not None:
         view = render_view(geo_map, lens_vector(camera), picture.shape[:2], fix.r_CE_E, fix.dcm_CE, colour=True)
         for line in coast_lines(view.image, view.mask):

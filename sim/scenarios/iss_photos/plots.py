@@ -25,8 +25,8 @@ erfa: Any = _erfa
 PLT: Any = plt
 _AXES = ("radial", "along track", "cross track")
 _CAPTION = (
-    "Mean errors are inherited from the orbit, to which lens and mounting were calibrated (grey: its 1 sigma). "
-    "The scatter is what the photos show on their own."
+    "Mean errors are inherited from the orbit, to which lens and mounting were calibrated\n"
+    "(grey: its 1 sigma). The scatter is what the photos show on their own."
 )
 
 
@@ -54,7 +54,7 @@ def errors_plot(path: Path, results: Results) -> None:
     assert good[0].utc is not None
     axes[2].set_xlabel(f"time after {good[0].utc:%Y-%m-%d %H:%M:%S} UTC, s")
     figure.suptitle("Position from photos minus approximate orbit")
-    figure.text(0.5, -0.005, _CAPTION, ha="center", va="top", fontsize="small", wrap=True)
+    figure.text(0.5, -0.005, _CAPTION, ha="center", va="top", fontsize="small")
     figure.savefig(path, dpi=130, bbox_inches="tight")
     PLT.close(figure)
 

@@ -29,7 +29,8 @@ def fixes_table(results: Results) -> Table:
     """One line for each photo."""
     table = Table(title="Position from each photo, compared with the approximate orbit (km)", title_justify="left")
     for name in ("photo", "UTC", "landmarks", "radial", "along", "cross", "3-D", "sigma", "valid"):
-        table.add_column(name, justify="left" if name in ("photo", "valid") else "right", overflow="fold")
+        left = name in ("photo", "valid")
+        table.add_column(name, justify="left" if left else "right", no_wrap=name != "valid")
     for fix in results.fixes:
         table.add_row(*_row(fix))
     return table

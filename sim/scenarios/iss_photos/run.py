@@ -27,6 +27,7 @@ from sim.scenarios.iss_photos.shift import ShiftRow, shift_study
 from sim.scenarios.iss_photos.writing import fixes_csv, output_folder
 
 _ENOUGH = 2
+_WIDTH = 118
 OK, NO_PHOTO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Ticker = Callable[[str, int], contextlib.AbstractContextManager[Callable[[], None]]]
 
@@ -119,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
     errors = Console(stderr=True)
     try:
-        return run(options, Console())
+        return run(options, Console(width=None if sys.stdout.isatty() else _WIDTH))
     except KeyboardInterrupt:
         errors.print("interrupted; nothing was written")
         return INTERRUPTED

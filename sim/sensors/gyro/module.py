@@ -46,6 +46,8 @@ class Gyro(KernelModule):
         if in_state.seq == 0 or in_state.t_ns <= state.sample_ns:
             return
         sigma = vec3(in_state.sigma_BN)
+        if not math.isfinite(sigma[0] + sigma[1] + sigma[2]):
+            return
         started, last, last_ns = state.sample_ns >= 0, vec3(state.sigma_BN), state.sample_ns
         store3(state.sigma_BN, sigma)
         state.sample_ns = in_state.t_ns

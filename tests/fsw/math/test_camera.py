@@ -14,6 +14,7 @@ from messages.base import F64
 from messages.opnav import CameraConfigMsg
 
 CV: Any = cv2
+MPMATH: Any = mpmath
 CASES = {
     "station": [1030.5, 1031.0, 636.0, 474.0, 0.0, 0.032, -0.026, 0.0016, 0.0022, 0.0],
     "pinhole": [900.0, 900.0, 500.0, 400.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -56,7 +57,7 @@ def test_projects_as_opencv(name: str) -> None:
     np.testing.assert_allclose(projected(lens, p), reference[:, 0], rtol=0.0, atol=1e-12 * 1296)
     d_point, d_lens = np.empty((2, 3)), np.empty((2, 10))
     for i in range(50):
-        camera.project_derivatives(lens, *p[i], d_point, d_lens)
+        camera.project_derivatives(lens, p[i, 0], p[i, 1], p[i, 2], d_point, d_lens)
         theirs = slopes[2 * i : 2 * i + 2]  # by rotation, translation, focal, centre, distortion
         np.testing.assert_allclose(d_point, theirs[:, 3:6], rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(d_lens[:, :4], theirs[:, 6:10], rtol=1e-12, atol=1e-12)
@@ -74,25 +75,30 @@ def exact(numbers: list[Any], x: Any, y: Any, z: Any) -> tuple[Any, Any]:
     return fx * xd + skew * yd + cx, fy * yd + cy
 
 
+def exact_slope(arguments: list[Any], row: int, column: int) -> float:
+    """Derivative of a coordinate of the pixel by one argument."""
+
+    def along(t: Any) -> Any:
+        shifted = [a + (t if k == column else 0) for k, a in enumerate(arguments)]
+        return exact(shifted[:10], *shifted[10:])[row]
+
+    return float(MPMATH.diff(along, 0))
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_are_those_of_mpmath(name: str) -> None:
     lens = lens_of(CASES[name])
     d_point, d_lens = np.empty((2, 3)), np.empty((2, 10))
-    with mpmath.workdps(40):
+    with MPMATH.workdps(40):
         for at in ([0.3, -0.4, 1.1], [-0.5, 0.2, 1.3]):
-            arguments = [mpmath.mpf(float(v)) for v in [*lens[:10], *at]]
-            u, v = camera.project_derivatives(lens, *at, d_point, d_lens)
+            arguments = [MPMATH.mpf(float(v)) for v in [*lens[:10], *at]]
+            u, v = camera.project_derivatives(lens, at[0], at[1], at[2], d_point, d_lens)
             wanted = exact(arguments[:10], *arguments[10:])
             assert abs(u - wanted[0]) < 1e-12 * 1296
             assert abs(v - wanted[1]) < 1e-12 * 1296
             for row in range(2):
                 for column in range(13):
-
-                    def along(t: Any, row: int = row, column: int = column) -> Any:
-                        shifted = [a + (t if k == column else 0) for k, a in enumerate(arguments)]
-                        return exact(shifted[:10], *shifted[10:])[row]
-
-                    slope = float(mpmath.diff(along, 0))
+                    slope = exact_slope(arguments, row, column)
                     mine = d_lens[row, column] if column < 10 else d_point[row, column - 10]
                     assert mine == pytest.approx(slope, rel=1e-12, abs=1e-12)
 

@@ -14,6 +14,7 @@ from fsw.math import geodesy
 from messages.base import F64
 
 ERFA: Any = erfa
+MPMATH: Any = mpmath
 PLACES = [
     (0.0, 0.0, 0.0),
     (0.7, 0.9, 0.0),
@@ -38,12 +39,12 @@ def test_positions_are_those_of_erfa(place: tuple[float, float, float]) -> None:
 
 @pytest.mark.parametrize("place", PLACES + GEOSTATIONARY)
 def test_geodetic_coordinates_are_those_of_mpmath(place: tuple[float, float, float]) -> None:
-    with mpmath.workdps(40):
-        x, y, z = (mpmath.mpf(c) for c in exact_position(*place))
+    with MPMATH.workdps(40):
+        x, y, z = (MPMATH.mpf(c) for c in exact_position(*place))
         # the exact position rounded to doubles is the input; solve for its exact coordinates
         start = [float(x), float(y), float(z)]
-        lat, h = exact_inverse(*start, place)
-        mine = geodesy.geodetic_from_ecef(*start)
+        lat, h = exact_inverse(start[0], start[1], start[2], place)
+        mine = geodesy.geodetic_from_ecef(start[0], start[1], start[2])
         radius = math.sqrt(sum(c * c for c in start))
         assert abs(mine[0] - lat) * radius < 1e-9 + 2.3e-16 * radius
         assert abs(mine[2] - h) < 1e-9 + 2.3e-16 * radius
@@ -52,22 +53,22 @@ def test_geodetic_coordinates_are_those_of_mpmath(place: tuple[float, float, flo
 
 
 def exact_position(lat: float, lon: float, h: float) -> tuple[Any, Any, Any]:
-    e2 = mpmath.mpf(1) / mpmath.mpf("298.257223563")
+    e2 = MPMATH.mpf(1) / MPMATH.mpf("298.257223563")
     e2 = e2 * (2 - e2)
-    n = 6378137 / mpmath.sqrt(1 - e2 * mpmath.sin(lat) ** 2)
-    p = (n + h) * mpmath.cos(lat)
-    return p * mpmath.cos(lon), p * mpmath.sin(lon), (n * (1 - e2) + h) * mpmath.sin(lat)
+    n = 6378137 / MPMATH.sqrt(1 - e2 * MPMATH.sin(lat) ** 2)
+    p = (n + h) * MPMATH.cos(lat)
+    return p * MPMATH.cos(lon), p * MPMATH.sin(lon), (n * (1 - e2) + h) * MPMATH.sin(lat)
 
 
 def exact_inverse(x: float, y: float, z: float, near: tuple[float, float, float]) -> tuple[Any, Any]:
     """Latitude and height by Newton's method on the two meridian equations, 40 digits."""
-    p = mpmath.sqrt(mpmath.mpf(x) ** 2 + mpmath.mpf(y) ** 2)
+    p = MPMATH.sqrt(MPMATH.mpf(x) ** 2 + MPMATH.mpf(y) ** 2)
 
     def equations(lat: Any, h: Any) -> list[Any]:
         px, _, pz = exact_position(lat, 0, h)
         return [px - p, pz - z]
 
-    lat, h = mpmath.findroot(equations, (near[0], near[2]), tol=1e-40)
+    lat, h = MPMATH.findroot(equations, (near[0], near[2]), tol=1e-40)
     return lat, h
 
 
@@ -102,7 +103,7 @@ def rays(n: int = 200) -> tuple[F64, F64]:
 @pytest.mark.parametrize("h", [0.0, 8848.0, -400.0, 100e3])
 def test_rays_end_at_the_height(h: float) -> None:
     for start, way in zip(*rays(), strict=True):
-        lat, lon, distance = geodesy.ray_to_height(*start, *way, h)
+        lat, lon, distance = geodesy.ray_to_height(start[0], start[1], start[2], way[0], way[1], way[2], h)
         there = start + distance * way
         lon_e, lat_e, h_e = ERFA.gc2gd(1, there)
         assert abs(h_e - h) < 1e-7  # the last bits of positions of 4e7 m, at slanting rays

@@ -59,7 +59,7 @@ def test_against_basilisk(criterion: Criterion) -> None:
         for name in ("omega_BR_B", "omega_RN_B", "domega_RN_B"):
             worst = max(worst, float(np.max(np.abs(getattr(mine, name) - case[name]))))
         assert np.linalg.norm(mine.sigma_BR) <= 1.0
-    criterion("ATT_ERROR-1", worst)
+    criterion("TRACKING-1", worst)
 
 
 def test_against_scipy(criterion: Criterion) -> None:
@@ -72,7 +72,7 @@ def test_against_scipy(criterion: Criterion) -> None:
         worst = max(worst, float((Rotation.from_mrp(mine.sigma_BR.copy()).inv() * expected).magnitude()))
         omega_RN_B = body.inv().apply(case["ref"]["omega_RN_N"])
         worst = max(worst, float(np.max(np.abs(mine.omega_RN_B - omega_RN_B))))
-    criterion("ATT_ERROR-2", worst)
+    criterion("TRACKING-2", worst)
 
 
 def test_nothing_until_both_are_known() -> None:

@@ -107,6 +107,18 @@ def test_repeated_state_gives_no_sample() -> None:
     assert np.isnan(message.accel_P).all()
 
 
+def test_bad_state_is_no_sample() -> None:
+    """The next sample spans the whole interval."""
+    truth, gyro = Truth("truth"), Gyro("gyro", Gyro.Params(arw=0.0, rrw=0.0))
+    truth.out_state.connect(gyro.in_state)
+    for t, angle in [(0, 0.0), (1, np.nan), (2, 0.3)]:
+        truth.out_state.write(state_of([0.0, 0.0, 0.0]), s(t))
+        truth.out_state.row["sigma_BN"][0, 2] = np.tan(angle / 4.0)
+        gyro.step(s(t))
+        assert (gyro.out_imu.latest() is None) == (t < 2)
+    np.testing.assert_allclose(gyro.out_imu.row["omega_PN_P"][0], [0.0, 0.0, 0.15], rtol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [

@@ -50,7 +50,7 @@ def test_against_basilisk(criterion: Criterion) -> None:
             (att.omega_BN_B, case["att"]["omega_BN_B"]),
         ]:
             worst = max(worst, float(np.linalg.norm(mine - theirs) / np.linalg.norm(theirs)))
-    criterion("SIMPLE_NAV-1", worst)
+    criterion("NAV-1", worst)
 
 
 def test_errors_are_gauss_markov(criterion: Criterion) -> None:
@@ -76,7 +76,7 @@ def test_errors_are_gauss_markov(criterion: Criterion) -> None:
         worst = max(worst, abs(float(np.mean(error[lag:] * error[:-lag])) - expected))
     correlation = error.T @ error / len(error) - np.eye(12)
     assert np.max(np.abs(correlation)) < 4.5 * np.sqrt(2 * 4 / len(error))  # some 8 samples a correlation time
-    criterion("SIMPLE_NAV-2", worst)
+    criterion("NAV-2", worst)
 
 
 def test_nothing_before_the_first_state() -> None:

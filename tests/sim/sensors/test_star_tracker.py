@@ -54,7 +54,7 @@ def test_against_basilisk(criterion: Criterion) -> None:
         assert message.valid
         assert message.exposure_ns == case["timeTag"]
         worst = max(worst, float(np.max(np.abs(message.beta_SN - case["qInrtl2Case"]))))
-    criterion("STAR_TRACKER-1", worst)
+    criterion("STAR-1", worst)
 
 
 def test_noise(criterion: Criterion) -> None:
@@ -69,7 +69,7 @@ def test_noise(criterion: Criterion) -> None:
     error = (true_SN.inv() * Rotation.from_quat(record["beta_SN"], scalar_first=True)).as_rotvec()
     unit = error / np.array([2e-5, 2e-5, 1.5e-4])
     assert abs(unit.mean(axis=0)).max() < 4 / np.sqrt(len(unit))
-    criterion("STAR_TRACKER-2", float(np.max(np.abs(unit.T @ unit / len(unit) - np.eye(3)))))
+    criterion("STAR-2", float(np.max(np.abs(unit.T @ unit / len(unit) - np.eye(3)))))
 
 
 def test_turning_too_fast() -> None:

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from fsw import cache, compiler
-from fsw.cli import main
 from fsw.math.compiled import COMPILE
+from fsw.tools.cli import main
 
 SCENARIO = '''
 """A small scenario."""

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from fsw.scaffold import new_module
+from fsw.tools.scaffold import new_module
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 MADE = {"control/damper": "kernel", "sensors/thermal_line_camera_assembly": "python", "sim/thermal/plate2": "kernel"}
 
 
@@ -57,7 +57,7 @@ def test_format_lint_and_specs_pass(repository: Path) -> None:
     new = ["modules", "sim", "tests"]
     run(repository, "ruff", "format", "--check", *new)
     run(repository, "ruff", "check", *new)
-    assert run(repository, "fsw.cli", "check") == "specs: no faults\n"
+    assert run(repository, "fsw.tools.cli", "check") == "specs: no faults\n"
 
 
 @pytest.mark.typing

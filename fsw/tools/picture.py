@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 from html import escape
-from itertools import count, groupby
-from typing import TYPE_CHECKING, Any
-
-from fsw.time import text
+from itertools import count
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fsw.graph import Graph
@@ -21,17 +19,6 @@ _STYLE = (
 )
 
 
-def lanes(graph: Graph) -> list[tuple[str, list[tuple[int, str]]]]:
-    """Each task's title, and place and title of its modules."""
-    named = [(place, f"{m.name} ({type(m).__name__})") for place, m in enumerate(graph.modules)]
-    tasks = groupby(named, key=lambda module: graph.tasks[module[0]])
-    return [(f"{t.name}, every {_time(t.period)} from {_time(t.phase)}", list(modules)) for t, modules in tasks]
-
-
-def _time(t_ns: Any) -> str:
-    return text(t_ns) if type(t_ns) is int else repr(t_ns)
-
-
 def mermaid(graph: Graph) -> str:
     """A Mermaid flow chart, for Markdown pages."""
 
@@ -39,7 +26,7 @@ def mermaid(graph: Graph) -> str:
         return '"' + "".join(c if c.isalnum() or c in " .,:_()" else f"#{ord(c)};" for c in words) + '"'
 
     lines = ["flowchart TB"]
-    for number, (title, modules) in enumerate(lanes(graph)):
+    for number, (title, modules) in enumerate(graph.lanes()):
         boxes = [f"    m{place}[{quoted(name)}]" for place, name in modules]
         lines += [f"  subgraph t{number}[{quoted(title)}]", *boxes, "  end"]
     for e in graph.edges:
@@ -54,7 +41,7 @@ def dot(graph: Graph) -> str:
         return "label=" + json.dumps(words, ensure_ascii=False)
 
     lines = ["digraph {", "  node [shape=box]"]
-    for number, (title, modules) in enumerate(lanes(graph)):
+    for number, (title, modules) in enumerate(graph.lanes()):
         boxes = [f"    m{place} [{label(name)}]" for place, name in modules]
         lines += [f"  subgraph cluster_{number} {{", f"    {label(title)}", *boxes, "  }"]
     for e in graph.edges:
@@ -72,7 +59,7 @@ def svg(graph: Graph) -> str:
         ports[e.places[1]][e.backward][e.reader] = e.label
         wires.setdefault((e.backward, e.source), []).append(e.reader)
     inside = [sum(max(map(len, side), default=0) for side in both) for both in ports]  # with module names: a margin
-    titles = [len(title) for lane, modules in lanes(graph) for title in (lane, *(name for _, name in modules))]
+    titles = [len(title) for lane, modules in graph.lanes() for title in (lane, *(name for _, name in modules))]
     box = _CHAR * max(titles + inside, default=0) + 16
     room = [_CHAR * max((len(t) for both in ports for t in both[side].values()), default=0) + 24 for side in (0, 1)]
 
@@ -84,7 +71,7 @@ def svg(graph: Graph) -> str:
     def put(x: float, y: float, words: str, style: str) -> None:
         drawn.extend([f'<text x="{x:g}" y="{y:g}" class="{style}">{escape(words)}</text>'] if words else [])
 
-    for lane, modules in lanes(graph):
+    for lane, modules in graph.lanes():
         put(0, y + 16, lane, "title")
         top, y = y, y + 24
         for place, name in modules:

@@ -45,7 +45,7 @@ def new_module(name: str, root: Path, tier: str) -> list[Path]:
         "id": own.replace("_", "-").upper(),
         "test": test.as_posix(),
     }
-    templates = resources.files("fsw") / "templates"
+    templates = resources.files("fsw.tools") / "templates"
     sources = {folder / n: templates / f"{tier}_{n}.txt" for n in ("module.py", "kernel.py")}
     sources |= {folder / n: templates / f"{n}.txt" for n in ("__init__.py", "SPEC.md")}
     sources |= {test: templates / "test.py.txt"}

@@ -27,13 +27,14 @@ from rich.progress import track
 from rich.table import Table
 
 import messages
-from fsw import cache, compiler, scaffold, specs
+from fsw import cache, compiler
 from fsw.graph import Graph
 from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule
 from fsw.ports import collect_wiring_errors
 from fsw.recorder import atomic
 from fsw.simulation import Simulation
+from fsw.tools import scaffold, specs
 from messages.base import Message, ObjectMessage, fields_of, json_schema
 
 SCENARIO = "a module such as sim.scenarios.hill_pointing, or a .py file"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fsw import F64, Bound, In, Mat3, Message, Module, Out, Record, Shape, Vec3, eye, zeros
-from fsw.specs import HEADINGS, Spec, check
+from fsw.tools.specs import HEADINGS, Spec, check
 
 
 class DemandMsg(Message):

@@ -1,0 +1,1 @@
+"""What people use around a simulation: command line, checks of the specs, module template, pictures of the graph."""
