@@ -1,11 +1,12 @@
 """The framework: typed ports, modules, compiled executive, recorder, graph check, command line."""
 
+from fsw.graph import Graph, GraphError
 from fsw.math.compiled import compiled
 from fsw.module import KernelModule, Module, Row, publish
 from fsw.ports import In, InPort, Out, OutPort, WiringError
 from fsw.recorder import Recording, load, save
 from fsw.simulation import ModuleError, Simulation, Snapshot, StaleError, StaleWarning, Task
-from fsw.time import hours, minutes, ms, s
+from fsw.time import hours, hz, minutes, ms, s
 from messages.base import (
     F64,
     I64,
@@ -30,6 +31,8 @@ __all__ = [
     "F64",
     "I64",
     "Bound",
+    "Graph",
+    "GraphError",
     "In",
     "InPort",
     "KernelModule",
@@ -59,6 +62,7 @@ __all__ = [
     "compiled",
     "eye",
     "hours",
+    "hz",
     "load",
     "minutes",
     "ms",

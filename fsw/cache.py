@@ -16,7 +16,7 @@ import sysconfig
 import tempfile
 import types
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,7 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "opnav-fsw"
 
 
+@functools.cache
 def reachable(function: Any) -> tuple[list[types.FunctionType], list[str]]:
     """Every function that compiled code of ``function`` contains, and the values of the constants they use.
 
@@ -70,8 +71,10 @@ def _is_library(filename: str) -> bool:
     return (filename.startswith(_LIBRARIES) and "site-packages" in filename) or filename.startswith(_LIBRARIES[:2])
 
 
-def _globals_used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
+@functools.cache
+def _globals_used(function: types.FunctionType) -> list[tuple[str, Any]]:
     """Names of other modules' and own globals in a function, resolved through attributes (``module.constant``)."""
+    found: list[tuple[str, Any]] = []
     codes = [function.__code__]
     scope = dict(function.__globals__)
     scope.update(zip(function.__code__.co_freevars, (c.cell_contents for c in function.__closure__ or ()), strict=True))
@@ -87,7 +90,8 @@ def _globals_used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
             else:
                 owner = None
             if owner is not None:
-                yield str(step.argval), owner
+                found.append((str(step.argval), owner))
+    return found
 
 
 def can_raise(function: Any) -> bool:
@@ -174,6 +178,7 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
     def _compile(self, folder: Path, *, save: bool) -> Any:
         """Compile the source as a file in ``folder``, or load it if numba finds its object code there."""
         from numba import cfunc, from_dtype, int32, int64
+        from numba.core.errors import NumbaExperimentalFeatureWarning
 
         from fsw import native
 
@@ -191,7 +196,10 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
         sys.modules[module.__name__] = module  # numba looks the module of cached code up by name
         elsewhere, config.CACHE_DIR = config.CACHE_DIR, ""  # keep the object code beside the wrapper
         try:
-            return cfunc(int32(int64, int64), cache=save, **OPTIONS)(names["entry"])
+            with warnings.catch_warnings():
+                # a row whose fields begin like another row's may be passed as that one: same offsets, so it is safe
+                warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+                return cfunc(int32(int64, int64), cache=save, **OPTIONS)(names["entry"])
         finally:
             config.CACHE_DIR = elsewhere
 

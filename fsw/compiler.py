@@ -61,6 +61,7 @@ def can_raise(function: Any) -> bool:
     return any(step.opname == "RAISE_VARARGS" for c in codes for step in dis.get_instructions(c))
 
 
+@functools.cache
 def _saved_rows(cls: type[KernelModule]) -> tuple[int, ...]:
     """Indices of the rows that a kernel may write, if it can raise."""
     written = (1, *(i + 2 for i, n in enumerate(cls.kernel_ports) if isinstance(cls.ports[n], Out)))

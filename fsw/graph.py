@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from fractions import Fraction
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -50,7 +51,7 @@ class Edge(msgspec.Struct, frozen=True):
     source: str
     reader: str
     type: str
-    period_ns: tuple[int, int]
+    period_ns: tuple[int | Fraction, int | Fraction]
     places: tuple[int, int]
     delayed: bool
     meet: bool
@@ -81,11 +82,18 @@ def latency(writer: Task, reader: Task, reader_first: bool) -> tuple[bool, tuple
     Returns:
         Whether there are such instants; least and greatest age, ns; how many steps of the reader see no message yet.
     """
-    step = math.gcd(writer.period, reader.period)
+    step = _common(Fraction(writer.period), Fraction(reader.period))
     offset = (reader.phase - writer.phase) % step
     least = step if reader_first and offset == 0 else offset
     late = writer.phase - reader.phase + reader_first
-    return offset == 0, (least, least + writer.period - step), max(0, -(-late // reader.period))
+    ages = math.floor(least), math.ceil(least + writer.period - step)
+    return offset == 0, ages, max(0, math.ceil(late / Fraction(reader.period)))
+
+
+def _common(a: Fraction, b: Fraction) -> Fraction:
+    """Greatest common divisor."""
+    n = a.denominator * b.denominator
+    return Fraction(math.gcd(int(a * n), int(b * n)), n)
 
 
 class Graph:
@@ -132,8 +140,8 @@ class Graph:
 
         if not isinstance(task, Task):
             return self._fault("task", where, f'is {task!r}. Write Task("nav", period=s(1), modules=[...])')
-        for name, t_ns, least in (("period", task.period, 1), ("phase", task.phase, 0)):
-            if not _is_time(t_ns, least):
+        for name, t_ns, least, kinds in (("period", task.period, 1, (int, Fraction)), ("phase", task.phase, 0, (int,))):
+            if not _is_time(t_ns, least, kinds=kinds):
                 advice = f"Write an int in ns, at least {least}, such as s(0.5)"
                 self._fault("time", f"{task.name}.{name}", f"is {t_ns!r}. {advice}")
         if not task.modules:
@@ -217,7 +225,7 @@ class Graph:
     def _add_edge(self, source: Any, port: InPort[Any]) -> None:
         places = self._places[id(source.owner)], self._places[id(port.owner)]
         writer, reader = (self.tasks[p] for p in places)
-        timed = all(_is_time(t.period, 1) and _is_time(t.phase, 0) for t in (writer, reader))
+        timed = all(_is_time(t.period, 1, kinds=(int, Fraction)) and _is_time(t.phase, 0) for t in (writer, reader))
         meet, age, unseen = latency(writer, reader, places[1] <= places[0]) if timed else (True, (0, 0), 0)
         names, periods = (str(source), str(port), port.kind.__name__), (writer.period, reader.period)
         self.edges.append(Edge(*names, periods if timed else (0, 0), places, port.delayed, meet, age, unseen))
@@ -262,7 +270,7 @@ class Graph:
             keys = "name", "period_ns", "phase_ns", "modules"
             shown = [dict(zip(keys, (t.name, t.period, t.phase, names), strict=True)) for t, names in tasks]
             found = {"tasks": shown, "edges": self.edges, "faults": self._faults}
-            return msgspec.json.format(msgspec.json.encode(found, enc_hook=repr), indent=2).decode()
+            return msgspec.json.format(msgspec.json.encode(found, enc_hook=str), indent=2).decode()
         lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in self.lanes()]
         lines += [f"{e.source} -> {e.reader}: {e.label}{', delayed' if e.delayed else ''}" for e in self.edges]
         return "\n".join([*lines, f"faults: {len(self._faults)}", *map(str, self._faults)])
@@ -281,11 +289,11 @@ class Graph:
 
 
 def _time(t_ns: Any) -> str:
-    return text(t_ns) if type(t_ns) is int else repr(t_ns)
+    return text(t_ns) if type(t_ns) in (int, Fraction) else repr(t_ns)
 
 
-def _is_time(value: Any, least: int) -> bool:
-    return type(value) is int and least <= value < 2**62
+def _is_time(value: Any, least: int, *, kinds: tuple[type, ...] = (int,)) -> bool:
+    return type(value) in kinds and least <= value < 2**62
 
 
 def _path(following: dict[int, list[int]], start: int, end: int) -> list[int]:

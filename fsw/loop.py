@@ -2,7 +2,8 @@
 
 Tables (int64), built by `fsw.simulation`:
 
-    tasks[i]   next instant, period, first slot, first slot of the next task
+    tasks[i]   next instant, period, first slot, first slot of the next task, and of the period's fraction of a ns: sum so
+               far, numerator, denominator
     slots[j]   function address (0: Python), address of its row addresses, first check, first recording, watched,
                wall ns, calls
     checks[k]  row address, greatest age, stop on violation, violations
@@ -21,10 +22,10 @@ from fsw.native import call, move, peek
 DONE, PYTHON, FAILED, STALE, FULL, WATCHED, PAUSE = range(7)
 """Why `run` returned; the slot is in the cursor."""
 
-WIDTHS = (4, 7, 4, 10)
+WIDTHS = (7, 7, 4, 10)
 """Columns of tasks, slots, checks, records."""
 
-NEXT, PERIOD, FIRST, LAST = range(4)
+NEXT, PERIOD, FIRST, LAST, CARRY, PART, WHOLE = range(7)
 FUNCTION, ROWS, CHECK, RECORD, WATCH, WALL, CALLS = range(7)
 C_ROW, C_AGE, C_STOP, C_COUNT = range(4)
 R_ROW, R_SIZE, R_BUFFER, R_CAPACITY, R_COUNT, R_SEQ, R_EVERY, R_DUE, R_CHANGE, R_FIRST = range(10)
@@ -118,6 +119,10 @@ def run(until: int, tasks: Any, slots: Any, checks: Any, records: Any, cursor: A
                     if slots[slot, WATCH] != 0:
                         return WATCHED
                 tasks[task, NEXT] += tasks[task, PERIOD]
+                tasks[task, CARRY] += tasks[task, PART]
+                if tasks[task, CARRY] >= tasks[task, WHOLE]:
+                    tasks[task, CARRY] -= tasks[task, WHOLE]
+                    tasks[task, NEXT] += 1
             cursor[TASK] = task + 1
             cursor[SLOT] = -1
         cursor[TASK] = -1

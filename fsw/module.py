@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fsw.math.compiled import COMPILE, compiled
 from fsw.ports import In, InPort, Out, OutPort, blank_row, field_views
+from fsw.streams import stream_words
 from messages.base import ObjectMessage, Record, dtype_of, fields_of
 
 if TYPE_CHECKING:
@@ -193,6 +194,7 @@ class KernelModule(Module):
         super().__init__(name, params)
         self._row_params = _row_of(self.params)
         self._row_state = _row_of(self._record(self.State, state, "state"))
+        self.seed(lambda stream: stream_words(0, name, stream))  # a simulation seeds it anew
         self._row_null = {n: blank_row(p.kind) for n, p in self.ports.items() if isinstance(p, In)}
 
     @property

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from typing import Any, TypeAlias, TypeVar
 
 import msgspec
@@ -45,10 +46,11 @@ class Task:
     """Modules that run one after the other at a period.
 
     Args:
-        name: unique name. period: ns. modules: in the order in which they run. phase: ns, time of the first run.
+        name: unique name. period: ns, with `hz` also a fraction; instants are then rounded down, without drift.
+        modules: in the order in which they run. phase: ns, time of the first run.
     """
 
-    def __init__(self, name: str, period: int, modules: Sequence[Module] | Module, phase: int = 0) -> None:
+    def __init__(self, name: str, period: int | Fraction, modules: Sequence[Module] | Module, phase: int = 0) -> None:
         self.modules = [modules] if isinstance(modules, Module) else list(modules)
         self.name, self.period, self.phase = name, period, phase
 
@@ -318,7 +320,7 @@ class Simulation:
         """A copy of everything that a run can change; continuing from it is bit-identical."""
         tables = self._prepare()
         modules = [m.saved() for m in self.modules]
-        times = tables.tasks[:, loop.NEXT].copy(), tables.cursor.copy()
+        times = tables.times.copy(), tables.cursor.copy()
         return Snapshot(self.t_ns, self._layout(), self._arena.copy(), *times, modules)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -331,11 +333,13 @@ class Simulation:
         if snapshot.layout != self._layout():
             raise ValueError("the snapshot is of another simulation: tasks, modules or row layouts differ")
         self._arena[:] = snapshot.arena
-        tables.tasks[:, loop.NEXT], tables.cursor[:] = snapshot.next_ns, snapshot.cursor
+        tables.times[:], tables.cursor[:] = snapshot.next_ns, snapshot.cursor
         self.t_ns = snapshot.t_ns
         for module, saved in zip(self.modules, snapshot.modules, strict=True):
             module.load(saved)
-        started = snapshot.cursor[loop.TASK] >= 0 or not np.array_equal(snapshot.next_ns, [t.phase for t in self.tasks])
+        started = snapshot.cursor[loop.TASK] >= 0 or not np.array_equal(
+            snapshot.next_ns[:, 0], [t.phase for t in self.tasks]
+        )
         for recording in [r for m in self.modules for p in m.outputs for r in p.recordings]:
             recording.truncate(snapshot.t_ns if started else -1)
 

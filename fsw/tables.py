@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -37,12 +38,17 @@ class Tables:
         self.modules: list[Module] = [m for t in tasks for m in t.modules]
         n = len(self.modules)
         ends = np.cumsum([0] + [len(t.modules) for t in tasks])
-        self.tasks: I64 = np.array([[t.phase, t.period, *ends[i : i + 2]] for i, t in enumerate(tasks)], np.int64)
+        periods = [Fraction(t.period) for t in tasks]
+        parts = [(0, p.numerator % p.denominator, p.denominator) for p in periods]
+        rows = [
+            [t.phase, p // 1, *ends[i : i + 2], *parts[i]] for i, (t, p) in enumerate(zip(tasks, periods, strict=True))
+        ]
+        self.tasks: I64 = np.array(rows, np.int64)
         self.slots: I64 = np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
         self.cursor: I64 = np.array([0, -1, -1, loop.BEFORE, 0, 0], np.int64)
         if old is not None:
             self.cursor = old.cursor
-            self.tasks[:, loop.NEXT] = old.tasks[:, loop.NEXT]
+            self.times[:] = old.times
             self.slots[:, [loop.WALL, loop.CALLS]] = old.slots[:, [loop.WALL, loop.CALLS]]
         self.now = memoryview(cast(Any, self.cursor))
         self.checked: list[InPort[Any]] = []
@@ -75,6 +81,11 @@ class Tables:
         free = python & (np.diff(self.slots[:, loop.CHECK]) == 0) & ~np.isin(np.arange(n), ends)
         self.runs_on: list[bool] = [*(python & quiet)[:-1] & free[1:], False]
         self._prepare_call()
+
+    @property
+    def times(self) -> I64:
+        """View of what a run changes in `tasks`: next instants and sums of fractions, (n, 2)."""
+        return self.tasks[:, loop.NEXT :: loop.CARRY - loop.NEXT]
 
     def _function(self, module: KernelModule) -> tuple[int, int]:
         from fsw.compiler import entry_of

@@ -30,6 +30,18 @@ def hours(count: float) -> int:
     return ns(Fraction(count) * 3600)
 
 
-def text(t_ns: int) -> str:
+def hz(rate: float | Fraction) -> int | Fraction:
+    """Period of a rate, ns: exact also where it is no whole number, so that tasks at 3 Hz and 1 Hz meet every second.
+
+    Raises:
+        ValueError: if the rate is not positive.
+    """
+    if not rate > 0:
+        raise ValueError(f"a rate is positive, got {rate} Hz")
+    period = 10**9 / Fraction(rate)
+    return period.numerator if period.denominator == 1 else period
+
+
+def text(t_ns: float | Fraction) -> str:
     """A time for people: ``12.5 s``."""
-    return f"{t_ns / 1e9:.9g} s"
+    return f"{float(t_ns) / 1e9:.9g} s"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 import modules
 import sim
-from fsw import In, KernelModule, Message, Module, Out, OutPort, Record, s
+from fsw import In, KernelModule, Message, Module, Out, OutPort, Record, Row, publish, s
 from fsw.math.compiled import COMPILE
 from fsw.streams import stream_words
 from messages.base import F64, Field, fields_of
@@ -136,6 +136,56 @@ def leaves(row: Any) -> Iterator[tuple[str, F64]]:
     """Fields of a row, by name."""
     for name in row.dtype.names:
         yield name, row[name]
+
+
+class ShortMsg(Message):
+    """The beginning of the other."""
+
+    x: Annotated[float, "m", "a number"]
+
+
+class LongMsg(Message):
+    """Begins like the other."""
+
+    x: Annotated[float, "m", "a number"]
+    y: Annotated[float, "m", "another number"]
+
+
+class ShortWriter(KernelModule):
+    """Writes the short message."""
+
+    out = Out(ShortMsg)
+
+    @staticmethod
+    def kernel(t_ns: int, params: Row, state: Row, out: Row) -> None:
+        """Write."""
+        out.x = 1.0
+        publish(out, t_ns)
+
+
+class LongWriter(KernelModule):
+    """Writes the long message."""
+
+    out = Out(LongMsg)
+
+    @staticmethod
+    def kernel(t_ns: int, params: Row, state: Row, out: Row) -> None:
+        """Write."""
+        out.x = 1.0
+        out.y = 2.0
+        publish(out, t_ns)
+
+
+def test_messages_that_begin_alike() -> None:
+    """numba takes the longer row for a kind of the shorter one; it must neither warn nor mix them up."""
+    short, long = ShortWriter("short"), LongWriter("long")
+    short.step(s(1))
+    long.step(s(2))
+    first, second = short.out.latest(), long.out.latest()
+    assert first is not None
+    assert second is not None
+    assert (first.x, second.x, second.y) == (1.0, 1.0, 2.0)
+    assert (short.out.t_ns, long.out.t_ns, short.out.seq, long.out.seq) == (s(1), s(2), 1, 1)
 
 
 def test_modules_are_found() -> None:

@@ -157,7 +157,11 @@ class Raster:
         kept = self._patch
         if kept is None or kept.factor != factor or not _holds(kept, left, top, right, bottom):
             self._patch = kept = self._read(left, top, right, bottom, factor)
-        return kept
+        # Cut to this view's own window: the answer must not depend, not even by rounding, on what was read before
+        i, j = (top - kept.row) // factor, (left - kept.column) // factor
+        height, width = max(1, (bottom - top) // factor), max(1, (right - left) // factor)
+        box = slice(i, i + height), slice(j, j + width)
+        return Patch(kept.image[box], kept.mask[box], left, top, factor)
 
     def _read(self, left: int, top: int, right: int, bottom: int, factor: int) -> Patch:
         # Whole multiples of the factor, or the means would not be centred; the last partial row and column are left out

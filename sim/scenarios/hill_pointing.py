@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fsw import Recording, Simulation, Task, minutes, ms, s
+from fsw.math.compiled import plain
 from fsw.math.gravity import MU_EARTH
 from fsw.math.kepler import elements_to_rv
 from fsw.recorder import atomic
@@ -58,7 +59,7 @@ def build(seed: int = 1, control: bool = True, period_ns: int = ms(100)) -> Hill
         The simulation at time zero with its modules, nothing recorded yet.
     """
     inclination, node, periapsis, anomaly = np.radians([33.3, 48.2, 347.8, 85.3]).tolist()
-    r, v = elements_to_rv((7000e3, 0.01, inclination, node, periapsis, anomaly), MU_EARTH)
+    r, v = plain(elements_to_rv)((7000e3, 0.01, inclination, node, periapsis, anomaly), MU_EARTH)
     start = Spacecraft.State(
         r_BN_N=np.array(r),
         v_BN_N=np.array(v),

@@ -31,6 +31,7 @@ from fsw import (
     Stream,
     Task,
     compiled,
+    hz,
     ms,
     publish,
     s,
@@ -124,13 +125,22 @@ def test_tasks_run_top_to_bottom_and_modules_left_to_right() -> None:
 
 
 def test_thirds_of_a_second_stay_exact() -> None:
-    from fractions import Fraction
-
     thirds, seconds = Relay("thirds"), Relay("seconds")
-    sim = Simulation([Task("a", s(Fraction(1, 3)), [thirds]), Task("b", s(1), [seconds])])
+    sim = Simulation([Task("a", hz(3), [thirds]), Task("b", hz(1), [seconds])])
+    sim.run_until(s(500))
+    snapshot = sim.snapshot()
     sim.run_until(s(1000))
-    assert len(thirds.seen) == 3001 and thirds.seen[-1][0] == 3000 * 333_333_333
-    assert len(seconds.seen) == 1001 and seconds.seen[-1][0] == s(1000)
+    assert [t for t, _ in thirds.seen] == [k * 10**9 // 3 for k in range(3001)]
+    assert [t for t, _ in seconds.seen] == [k * 10**9 for k in range(1001)]
+    sim.restore(snapshot)
+    sim.run_until(s(1000))
+    assert [t for t, _ in thirds.seen] == [k * 10**9 // 3 for k in range(3001)]
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
+def test_a_rate_is_positive(rate: float) -> None:
+    with pytest.raises(ValueError, match="a rate is positive"):
+        hz(rate)
 
 
 def test_feedback_shows_the_previous_value() -> None:

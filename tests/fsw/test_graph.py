@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Annotated, Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw import In, KernelModule, Message, Module, ObjectMessage, Out, Simulation, StaleError, Task, WiringError, s
+from fsw import In, KernelModule, Message, Module, ObjectMessage, Out, Simulation, StaleError, Task, WiringError, hz, s
 from fsw.graph import Fault, Graph, GraphError
 from fsw.ports import collect_wiring_errors
 
@@ -65,7 +66,10 @@ class Node(Module):
 
 
 def pair(
-    periods: tuple[int, int], phases: tuple[int, int], reader_first: bool, one_task: bool = False
+    periods: tuple[int | Fraction, int | Fraction],
+    phases: tuple[int, int],
+    reader_first: bool,
+    one_task: bool = False,
 ) -> tuple[list[Task], Reader]:
     """A writer and a reader, in tasks with periods and phases in ns."""
     writer, reader = Writer("writer"), Reader("reader")
@@ -328,3 +332,15 @@ def test_collected_mistakes_are_merged() -> None:
         writer.out_count.connect(node.in_c)  # pyright: ignore[reportArgumentType]
     faults = Graph([Task("t", s(1), [writer, node])], collected).faults()
     assert [(f.kind, f.where) for f in faults] == [("type", "n.in_c"), ("unconnected", "n.in_a")]
+
+
+@pytest.mark.parametrize("rates", [(3, 1), (1, 3), (3, 7), (7, 3)])
+@pytest.mark.parametrize("reader_first", [False, True])
+def test_latency_of_rates_that_are_no_whole_nanoseconds(rates: tuple[int, int], reader_first: bool) -> None:
+    tasks, reader = pair((hz(rates[0]), hz(rates[1])), (0, 0), reader_first)
+    (edge,) = Graph(tasks).edges
+    Simulation(tasks).run_until(s(30))
+    ages = [age for age in reader.ages if age is not None]
+    assert edge.meet
+    assert edge.age_ns[0] == pytest.approx(min(ages), abs=1)  # instants are rounded to whole nanoseconds
+    assert edge.age_ns[1] == pytest.approx(max(ages), abs=1)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from affine import Affine
 from PIL import Image
-from rasterio.transform import from_origin
 
 from sim.scenarios.iss_photos.camera_file import (
     BadInputError,
@@ -68,7 +68,7 @@ def photo(path: Path, source: Path | None = PHOTOS[0], size: tuple[int, int] = (
 
 def test_photo_that_is_no_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.jpg").write_text("text")
-    assert "a.jpg cannot be read" in refused(capsys, tmp_path / "out", "--photos", tmp_path / "a.jpg")
+    assert "a.jpg: it is no image" in refused(capsys, tmp_path / "out", "--photos", tmp_path / "a.jpg")
 
 
 def test_photo_without_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,7 +98,9 @@ def test_map_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_map_of_another_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "map.tif"
     profile: dict[str, Any] = {"driver": "GTiff", "width": 64, "height": 64, "count": 3, "dtype": "uint8"}
-    with rasterio.open(path, "w", crs="EPSG:4326", transform=from_origin(2.0, 49.0, 0.01, 0.01), **profile) as data:
+    with rasterio.open(
+        path, "w", crs="EPSG:4326", transform=Affine(0.01, 0.0, 2.0, 0.0, -0.01, 49.0), **profile
+    ) as data:
         data.write(np.full((3, 64, 64), 90, np.uint8))
     said = refused(capsys, tmp_path / "out", "--map", path)
     assert "covers nothing within sight" in said and "39.3 deg N 46.8 deg E" in said
@@ -168,20 +170,24 @@ def test_out_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (tmp_path / "file").read_text() == "mine"
 
 
+def write_and_fail(out: Path, error: BaseException) -> None:
+    with output_folder(out) as folder:
+        (folder / "a.txt").write_text("new")
+        raise error
+
+
 def test_full_disk_leaves_the_old_results(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with output_folder(out) as folder:
         (folder / "a.txt").write_text("old")
-    with pytest.raises(BadInputError, match="No space left"), output_folder(out) as folder:
-        (folder / "a.txt").write_text("new")
-        raise OSError(errno.ENOSPC, "No space left on device")
+    with pytest.raises(BadInputError, match="No space left"):
+        write_and_fail(out, OSError(errno.ENOSPC, "No space left on device"))
     assert [p.name for p in tmp_path.iterdir()] == ["out"] and (out / "a.txt").read_text() == "old"
 
 
 def test_an_interrupt_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), output_folder(tmp_path / "out") as folder:
-        (folder / "a.txt").write_text("new")
-        raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
+        write_and_fail(tmp_path / "out", KeyboardInterrupt())
     assert not list(tmp_path.iterdir())
 
 
@@ -227,7 +233,7 @@ def test_one_bad_photo_among_good_ones_is_left_out(tmp_path: Path) -> None:
     inputs = read_inputs(parse(["--photos", str(tmp_path)]))
     assert [p.path.name for p in inputs.photos] == [PHOTOS[0].name]
     reasons = {Path(k).name: v for k, v in inputs.refused.items()}
-    assert "cannot be read" in reasons["a.jpg"] and "covers nothing within sight" in reasons["b.jpg"]
+    assert "it is no image" in reasons["a.jpg"] and "covers nothing within sight" in reasons["b.jpg"]
 
 
 def test_calibration_file_is_read_as_it_was_written(tmp_path: Path) -> None:

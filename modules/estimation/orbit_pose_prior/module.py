@@ -64,7 +64,7 @@ class OrbitPosePrior(Module):
         r_CE_E, dcm_OE, dcm_HE = self.orbit.frames(t_s)
         sigma_H = np.hypot(self.orbit.sigma_H(t_s), self.params.sigma_shift)
         sigma_H[1] = np.hypot(sigma_H[1], np.linalg.norm(self.orbit.velocity_earth(t_s)) * time.sigma_s)
-        if accuracy is None or time.attempt > 1:
+        if accuracy is None:
             dcm_CO, sigma_H, sigma_C = np.eye(3), np.maximum(sigma_H, _LOST_H_M), _LOST_RAD
         else:
             dcm_CO = camera.dcm_CB

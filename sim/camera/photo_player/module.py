@@ -90,6 +90,6 @@ class PhotoPlayer(Module):
         try:
             image = read_image(path)
         except PhotoError as error:
-            raise PhotoError(f"{error} (it could be when the run began)") from error
+            raise PhotoError(f"{path}: {error}; it could be read when the run began") from error
         self.out_time.write(time, t_ns)
         self.out_image.write(CameraImageMsg(image=image, exposure_ns=time.exposure_ns, label=path), t_ns)

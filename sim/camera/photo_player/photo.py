@@ -17,7 +17,7 @@ _EXIF_IFD, _ORIGINAL, _DIGITIZED, _OFFSET, _OFFSET_ORIGINAL, _SUBSECOND = 0x8769
 
 
 class PhotoError(ValueError):
-    """A photo that cannot be used; the text is one sentence for a person."""
+    """A photo that cannot be used; the text says why, and who knows the file puts its name before."""
 
 
 class Photo(msgspec.Struct, frozen=True, kw_only=True):
@@ -39,16 +39,16 @@ def _text(value: Any) -> str:
     return str(value).strip("\x00 ") if value is not None else ""
 
 
-def _stamp(path: Path, tags: dict[int, Any]) -> tuple[datetime, float]:
+def _stamp(tags: dict[int, Any]) -> tuple[datetime, float]:
     """EXIF time as UTC, and its resolution in s. A stamp is cut off, not rounded (seen in Astro Pi photos)."""
     written = _text(tags.get(_ORIGINAL)) or _text(tags.get(_DIGITIZED))
     if not written:
-        text = "has no time in its EXIF data (DateTimeOriginal), and without a time the orbit gives no position"
-        raise PhotoError(f"{path.name} {text}; use the photo as the camera wrote it")
+        text = "it has no time in its EXIF data (DateTimeOriginal), and without a time the orbit gives no position"
+        raise PhotoError(f"{text}; use the photo as the camera wrote it")
     try:
         local = datetime.strptime(written[:19] + " +0000", "%Y:%m:%d %H:%M:%S %z")
     except ValueError:
-        raise PhotoError(f"{path.name} has the EXIF time {written!r}, expected YYYY:MM:DD HH:MM:SS") from None
+        raise PhotoError(f"it has the EXIF time {written!r}, expected YYYY:MM:DD HH:MM:SS") from None
     zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", _text(tags.get(_OFFSET_ORIGINAL)) or _text(tags.get(_OFFSET)))
     shift = timedelta(hours=int(zone[2]), minutes=int(zone[3])) if zone else timedelta(0)
     stamp = local.replace(tzinfo=timezone(-shift if zone and zone[1] == "-" else shift)).astimezone(UTC)
@@ -70,7 +70,7 @@ def open_photo(path: Path | str) -> Photo:
     height, width = read_image(path).shape[:2]
     with Image.open(path) as image:
         tags: dict[int, Any] = dict(image.getexif().get_ifd(_EXIF_IFD))
-    stamp, resolution = _stamp(path, tags)
+    stamp, resolution = _stamp(tags)
     return Photo(path=path, width_px=width, height_px=height, stamp=stamp, resolution_s=resolution)
 
 
@@ -87,6 +87,6 @@ def read_image(path: Path | str) -> NDArray[np.uint8]:
             return np.asarray(image.convert("RGB"), np.uint8)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         reason = "there is no such file" if isinstance(error, FileNotFoundError) else "it is no image, or damaged"
-        raise PhotoError(f"{path.name} cannot be read: {reason}") from error
+        raise PhotoError(reason) from error
     except Warning as error:
-        raise PhotoError(f"{path.name} cannot be read: {error}") from error
+        raise PhotoError(f"it cannot be read: {error}") from error

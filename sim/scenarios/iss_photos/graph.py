@@ -36,7 +36,7 @@ class Run(msgspec.Struct, kw_only=True):
 
         Args:
             indices: of the photos. tick: called after each photo.
-            attempt: 0 as predicted, 1 with a wide prior, 2 with the attitude unknown.
+            attempt: 0 as predicted, 1 with little trust in the orbit.
             calibrate: estimate lens, mounting and clock at the end.
 
         Returns:

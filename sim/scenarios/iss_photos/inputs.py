@@ -75,13 +75,13 @@ def _read_photos(files: list[Path], camera: CameraConfigMsg, camera_path: Path) 
             continue
         if (photo.width_px, photo.height_px) != (camera.width_px, camera.height_px):
             size, wanted = f"{photo.width_px} x {photo.height_px}", f"{camera.width_px} x {camera.height_px}"
-            refused[str(file)] = f"{file.name} has {size} px, but the camera of {camera_path.name} has {wanted} px"
+            refused[str(file)] = f"it has {size} px, but the camera of {camera_path.name} has {wanted} px"
             continue
         photos.append(photo)
     if not photos:
-        first = next(iter(refused.values()))
-        others = f" (and {len(refused) - 1} more like it)" if len(refused) > 1 else ""
-        raise BadInputError(f"no photo can be used: {first}{others}")
+        first, reason = next(iter(refused.items()))
+        others = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
+        raise BadInputError(f"no photo can be used: {first}: {reason}{others}")
     return sorted(photos, key=lambda p: (p.stamp, p.path.name)), refused
 
 
@@ -130,7 +130,7 @@ def _out_of_reach(photo: Photo, orbit: TleOrbit, geo_map: GeoMap, maps: str) -> 
     if place is None:
         return None
     advice = "if that is the right place, give a map of it with --map (and heights with --dem)"
-    return f"map {maps} covers nothing within sight of {photo.path.name}, which was taken over {place}; {advice}"
+    return f"map {maps} covers nothing within sight of the photo, which was taken over {place}; {advice}"
 
 
 def read_inputs(options: Options) -> Inputs:
@@ -160,7 +160,7 @@ def read_inputs(options: Options) -> Inputs:
         else:
             refused[str(photo.path)] = reason
     if not photos:
-        raise BadInputError(refused[str(readable[0].path)])
+        raise BadInputError(f"{readable[0].path.name}: {refused[str(readable[0].path)]}")
     played, times = _play_list(photos, epoch, hint)
     return Inputs(
         epoch=epoch,

@@ -18,7 +18,7 @@ ARC_MINUTE = np.pi / 10800.0
 
 def _row(fix: Fix) -> list[str]:
     if fix.error_H is None or fix.sigma_pos_m is None or fix.utc is None:
-        return [fix.path.name, "", "", "", "", "", "", "", f"[red]no:[/red] {fix.reason}"]
+        return [fix.path.name, *[""] * 7, "[red]no[/red]"]
     error = [f"{x / 1e3:+.2f}" for x in fix.error_H]
     total, sigma = np.linalg.norm(fix.error_H) / 1e3, fix.sigma_pos_m / 1e3
     time = fix.utc.strftime("%H:%M:%S.") + str(fix.utc.microsecond // 100000)
@@ -29,8 +29,7 @@ def fixes_table(results: Results) -> Table:
     """One line for each photo."""
     table = Table(title="Position from each photo, compared with the approximate orbit (km)", title_justify="left")
     for name in ("photo", "UTC", "landmarks", "radial", "along", "cross", "3-D", "sigma", "valid"):
-        left = name in ("photo", "valid")
-        table.add_column(name, justify="left" if left else "right", no_wrap=name != "valid")
+        table.add_column(name, justify="left" if name in ("photo", "valid") else "right", no_wrap=True)
     for fix in results.fixes:
         table.add_row(*_row(fix))
     return table
@@ -46,7 +45,7 @@ def summary_table(summary: Summary) -> Table:
         ("scatter (what the photos show)", summary.scatter_H),
         ("rms", summary.rms_H),
     ):
-        table.add_row(label, *[f"{x / 1e3:.2f}" for x in value])
+        table.add_row(label, *[f"{x / 1e3:.2f}" if np.isfinite(x) else "-" for x in value])
     return table
 
 
@@ -89,26 +88,29 @@ def _track_line(results: Results) -> str | None:
     return parts
 
 
+def _summary_line(summary: Summary) -> str:
+    text = f"{summary.valid} of {summary.photos} photos valid; 3-D difference: median {summary.median / 1e3:.2f} km, "
+    text += f"largest {summary.largest / 1e3:.2f} km"
+    if summary.valid > 1:
+        spread = " / ".join(f"{x / ARC_MINUTE:.1f}" for x in summary.attitude)
+        text += f"; attitude scatter {spread} arc minutes about the camera's x, y, z"
+    return text
+
+
 def show(console: Console, results: Results) -> None:
     """Print tables and text."""
     console.print(fixes_table(results))
+    for fix in results.fixes:
+        if not fix.valid:
+            console.print(f"[yellow]not used:[/yellow] {fix.path.name}: {fix.reason}", soft_wrap=True, highlight=False)
     if results.summary is not None:
-        total = results.summary
-        console.print(summary_table(total))
-        spread = " / ".join(f"{x / ARC_MINUTE:.1f}" for x in total.attitude)
-        console.print(
-            f"{total.valid} of {total.photos} photos valid; 3-D difference: median {total.median / 1e3:.2f} km, ",
-            end="",
-        )
-        console.print(
-            f"largest {total.largest / 1e3:.2f} km; attitude scatter {spread} arc minutes about the camera's x, y, z"
-        )
-        if total.wrong:
-            console.print(
-                f"[red]{total.wrong} fixes are off by more than 6 km and 3 sigma: do not trust this run[/red]"
-            )
-    console.print(_camera_line(results))
+        console.print(summary_table(results.summary))
+        console.print(_summary_line(results.summary), soft_wrap=True)
+        if results.summary.wrong:
+            far = f"fixes off by more than 6 km and 3 sigma: {results.summary.wrong}. Orbit or fixes are wrong"
+            console.print(f"[red]{far}; do not trust this run[/red]", soft_wrap=True)
+    console.print(_camera_line(results), soft_wrap=True)
     line = _track_line(results)
     if line is not None:
-        console.print(line)
+        console.print(line, soft_wrap=True)
     console.print(LIMITS, style="italic")

@@ -36,8 +36,8 @@ def locate(inputs: Inputs, ticker: Ticker) -> Run:
     """Play the photos through the graph, as often as it takes.
 
     Without a calibration: first, from the last photo to the first, until two are located; each of them improves what is
-    known of mounting and lens. Then all photos, to calibrate; then all again for the result. Photos whose pose is
-    clear but far from the orbit get a second and a third try, in which the orbit is trusted less.
+    known of mounting and lens. Then all photos, to calibrate; then all again for the result. If more poses are clear but
+    far from the orbit than agree with it, the orbit is in doubt, and those get a second try that trusts it less.
     """
     run = build(inputs)
     every = list(range(len(inputs.played)))
@@ -54,11 +54,10 @@ def locate(inputs: Inputs, ticker: Ticker) -> Run:
             run.round(every, tick, calibrate=True)
     with ticker("positions", len(every)) as tick:
         done = run.round(every, tick)
-    for attempt in (1, 2):
-        far = [i for i in every if done[i] is FixStatus.AGAINST_PRIOR]
-        if far:
-            with ticker(f"far from orbit {attempt}", len(far)) as tick:
-                done |= run.round(far, tick, attempt)
+    far = [i for i in every if done[i] is FixStatus.AGAINST_PRIOR]
+    if len(far) > sum(status is FixStatus.VALID for status in done.values()):
+        with ticker("orbit in doubt", len(far)) as tick:
+            run.round(far, tick, attempt=1)
     return run
 
 
@@ -89,6 +88,7 @@ def _ticker(console: Console) -> Ticker:
         with Progress(*columns, console=console) as progress:
             task = progress.add_task(name, total=total)
             yield lambda: progress.advance(task)
+            progress.update(task, total=progress.tasks[task].completed)
 
     return stage
 
@@ -97,8 +97,6 @@ def run(options: Options, console: Console) -> int:
     """Do everything; returns the exit code. Errors are raised."""
     started = time.monotonic()
     inputs = read_inputs(options)
-    for path, reason in inputs.refused.items():
-        console.print(f"[yellow]not used:[/yellow] {reason} ({path})", soft_wrap=True)
     with output_folder(options.out) as folder:
         ticker = _ticker(console)
         results = collect(inputs, locate(inputs, ticker))
@@ -110,7 +108,7 @@ def run(options: Options, console: Console) -> int:
         write_results(folder, inputs, results, shifts)
     console.print(f"results are in {options.out} ({time.monotonic() - started:.0f} s)", soft_wrap=True)
     if results.summary is None:
-        console.print("[red]no photo could be located[/red]; the reasons are in the table and in fixes.csv")
+        console.print("[red]no photo could be located[/red]; the reasons are above and in fixes.csv")
         return NO_PHOTO
     return OK
 

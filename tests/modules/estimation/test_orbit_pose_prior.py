@@ -140,11 +140,12 @@ def test_clock_of_the_shutter_is_applied() -> None:
 
 
 def test_later_attempts_and_an_unknown_mounting_widen_the_prior() -> None:
-    sigmas = [np.sqrt(np.diag(predict(photo(attempt=k)).P_pose)) for k in range(3)]
-    for first, second in itertools.pairwise(sigmas):
-        assert np.all(second[:3] > first[:3]) and np.all(second[3:] > first[3:])
-    np.testing.assert_array_equal(np.sqrt(np.diag(predict(photo(), accuracy=None).P_pose)), sigmas[2])
-    assert sigmas[2][5] == pytest.approx(np.pi)
+    near, far = predict(photo()), predict(photo(attempt=1))
+    lost = predict(photo(), accuracy=None)
+    for first, second in itertools.pairwise(np.sqrt(np.diag(x.P_pose)) for x in (near, far, lost)):
+        assert np.all(second > first)
+    assert np.sqrt(lost.P_pose[5, 5]) == pytest.approx(np.pi)
+    np.testing.assert_array_equal(far.beta_CE, near.beta_CE)
 
 
 def test_nothing_is_written_without_a_new_photo() -> None:

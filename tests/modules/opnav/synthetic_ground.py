@@ -93,7 +93,7 @@ def photo_of(ground: Region, shot: Shot) -> NDArray[np.uint8]:
     lat, lon = np.meshgrid(ground.lat_deg, ground.lon_deg, indexing="ij")
     seen = pixels_of(shot, positions(lat.ravel(), lon.ravel(), ground.heights.ravel()))
     column, row = np.meshgrid(np.arange(shot.shape[1]), np.arange(shot.shape[0]))
-    near = (np.abs(seen - np.array(shot.shape[::-1]) / 2) < np.array(shot.shape[::-1]) * 0.6).all(axis=1)
+    near = (np.abs(seen - np.array(shot.shape[::-1]) / 2) < np.array(shot.shape[::-1]) * 0.52).all(axis=1)
     value: Any = LinearNDInterpolator(seen[near], ground.texture.ravel()[near].astype(float))(column, row)
     return np.clip(np.nan_to_num(value), 0, 255).astype(np.uint8)
 

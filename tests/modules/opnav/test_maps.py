@@ -63,7 +63,13 @@ def test_windows_hold_the_pixels_of_the_file(tmp_path: Path) -> None:
     assert patch is not None
     assert (patch.column, patch.row) == (TILE, TILE)
     np.testing.assert_array_equal(patch.image[..., 0], bands[0, TILE:, TILE:])
-    assert layer.patch(far, far + 20.0, 1) is patch  # kept
+    whole = layer.patch(np.array([0.0, size - 1.0]), np.array([0.0, size - 1.0]), 1)
+    again = layer.patch(far, far + 20.0, 1)
+    assert whole is not None
+    assert again is not None
+    assert np.shares_memory(again.image, whole.image)  # kept, but cut to the same window as before
+    assert (again.column, again.row) == (TILE, TILE)
+    np.testing.assert_array_equal(again.image, patch.image)
     halved = layer.patch(np.array([0.0, size - 1.0]), np.array([0.0, size - 1.0]), 2)
     assert halved is not None
     mean = bands[0].astype(float).reshape(size // 2, 2, size // 2, 2).mean(axis=(1, 3))

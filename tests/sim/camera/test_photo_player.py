@@ -86,9 +86,11 @@ def test_files_that_are_no_image_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.jpg").write_text("no image")
     (tmp_path / "cut.jpg").write_bytes(PHOTOS[0].read_bytes()[:20000])
     (tmp_path / "empty.jpg").write_bytes(b"")
-    for name in ("text.jpg", "cut.jpg", "empty.jpg", "none.jpg"):
-        with pytest.raises(PhotoError, match=name):
+    for name in ("text.jpg", "cut.jpg", "empty.jpg"):
+        with pytest.raises(PhotoError, match="no image, or damaged"):
             open_photo(tmp_path / name)
+    with pytest.raises(PhotoError, match="no such file"):
+        open_photo(tmp_path / "none.jpg")
 
 
 def test_cadence_is_found_from_stamps_that_are_cut_off(criterion: Callable[[str, float], None]) -> None:
