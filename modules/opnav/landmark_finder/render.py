@@ -17,6 +17,8 @@ from modules.opnav.rasters import Raster
 
 STEP = 4
 """The ground is computed for every STEP-th pixel of rows and columns, and is interpolated between."""
+MAX_PATCH = 16384
+"""Widest window of a map that is read: remapping takes 32767; views across longitude 180 reach it."""
 CV: Any = cv2
 
 
@@ -115,6 +117,9 @@ def _sample(
     column, row = layer.locate(lat, lon)
     ratio = _ratio(column, row)
     factor = 2 ** max(0, math.floor(math.log2(max(ratio, 1.0)) + 0.3))
+    on_map = layer.inside(column, row)
+    while on_map.any() and max(np.ptp(column[on_map]), np.ptp(row[on_map])) > MAX_PATCH * factor:
+        factor *= 2
     patch = layer.patch(column, row, factor)
     if patch is None:
         return np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.bool_), 0.0

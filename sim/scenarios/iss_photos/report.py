@@ -41,7 +41,7 @@ def summary_table(summary: Summary) -> Table:
     for name in ("", "radial", "along track", "cross track"):
         table.add_column(name, justify="left" if not name else "right")
     for label, value in (
-        ("mean (inherited from the orbit)", summary.mean_H),
+        ("mean (not independent of the orbit)", summary.mean_H),
         ("scatter (what the photos show)", summary.scatter_H),
         ("rms", summary.rms_H),
     ):

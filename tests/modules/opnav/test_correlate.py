@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modules.opnav.cells import cell_of, cells_hit, evenly
+from modules.opnav.landmark_finder import correlate
 from modules.opnav.landmark_finder.consensus import homography_consensus, sigma_of
 from modules.opnav.landmark_finder.correlate import HALF, chip_centres, edges, match_chips, peak
 from modules.opnav.landmark_finder.render import View
@@ -39,6 +40,17 @@ def test_a_shift_is_found_to_a_fraction_of_a_pixel(shift: tuple[float, float]) -
     error = found.seen - found.rendered - shift
     assert np.abs(np.median(error, axis=0)).max() < 0.05
     assert np.abs(error).max() < 0.4
+
+
+def test_the_number_of_threads_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = texture()
+    photo, centres = edges(np.roll(image, (2, 3), (0, 1))), chip_centres(view_of(image), 8)
+    answers: list[bytes] = []
+    for workers in (1, 2, 5):
+        monkeypatch.setattr(correlate, "WORKERS", workers)
+        answers.append(match_chips(edges(image), photo, centres, 8, 0.5, 0.04).seen.tobytes())
+    assert len(set(answers)) == 1
+    assert len(answers[0]) > 1000
 
 
 def test_gain_and_a_reversed_contrast_do_not_matter() -> None:
