@@ -7,68 +7,10 @@ from fsw.ports import In, InPort, Out, OutPort, WiringError
 from fsw.recorder import Recording, load, save
 from fsw.simulation import ModuleError, Simulation, Snapshot, StaleError, StaleWarning, Task
 from fsw.time import hours, hz, minutes, ms, s
-from messages.base import (
-    F64,
-    I64,
-    Bound,
-    Mat3,
-    Mat6,
-    Message,
-    NanOk,
-    ObjectMessage,
-    Record,
-    Shape,
-    Stream,
-    Vec2,
-    Vec3,
-    Vec4,
-    eye,
-    unseeded,
-    zeros,
-)
+from messages import base
+from messages.base import *  # noqa: F403
 
-__all__ = [
-    "F64",
-    "I64",
-    "Bound",
-    "Graph",
-    "GraphError",
-    "In",
-    "InPort",
-    "KernelModule",
-    "Mat3",
-    "Mat6",
-    "Message",
-    "Module",
-    "ModuleError",
-    "NanOk",
-    "ObjectMessage",
-    "Out",
-    "OutPort",
-    "Record",
-    "Recording",
-    "Row",
-    "Shape",
-    "Simulation",
-    "Snapshot",
-    "StaleError",
-    "StaleWarning",
-    "Stream",
-    "Task",
-    "Vec2",
-    "Vec3",
-    "Vec4",
-    "WiringError",
-    "compiled",
-    "eye",
-    "hours",
-    "hz",
-    "load",
-    "minutes",
-    "ms",
-    "publish",
-    "s",
-    "save",
-    "unseeded",
-    "zeros",
-]
+__all__ = ["Graph", "GraphError", "In", "InPort", "KernelModule", "Module", "ModuleError", "Out", "OutPort"]
+__all__ += ["Recording", "Row", "Simulation", "Snapshot", "StaleError", "StaleWarning", "Task", "WiringError"]
+__all__ += ["compiled", "hours", "hz", "load", "minutes", "ms", "publish", "s", "save"]
+__all__ += base.__all__

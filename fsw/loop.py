@@ -2,8 +2,8 @@
 
 Tables (int64), built by `fsw.simulation`:
 
-    tasks[i]   next instant, period, first slot, first slot of the next task; of the fraction of a ns in the period: sum so
-               far, numerator, denominator
+    tasks[i]   next instant, period, first slot, first slot of the next task; of the period's fraction of a ns:
+               sum so far, numerator, denominator
     slots[j]   function address (0: Python), address of its row addresses, first check, first recording, watched,
                wall ns, calls
     checks[k]  row address, greatest age, stop on violation, violations

@@ -15,6 +15,25 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "F64",
+    "I64",
+    "Bound",
+    "Mat3",
+    "Mat6",
+    "Message",
+    "NanOk",
+    "ObjectMessage",
+    "Record",
+    "Shape",
+    "Stream",
+    "Vec2",
+    "Vec3",
+    "Vec4",
+    "eye",
+    "unseeded",
+    "zeros",
+]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]

@@ -241,3 +241,35 @@ def attitude_from_rays(lens: F64, r_LE_E: F64, pixel_px: F64, r_CE_E: F64) -> F6
     ground /= np.linalg.norm(ground, axis=1)[:, None]
     u, _, vt = np.linalg.svd(np.einsum("ni,nj->ij", seen, ground))
     return u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
+
+
+def shared_covariance(
+    lens: F64, r_LE_E: F64, sigma_px: F64, group: NDArray[np.int64], r_CE_E: F64, dcm_CE: F64
+) -> F64:
+    """Covariance of a fitted pose, if all points of a group err together by one pixel, and groups independently.
+
+    Neighbouring landmarks share errors of map and heights, so they do not average out. With N the normal matrix and
+    G_c the sum of weight times derivative over group c, it is N^-1 (sum of G_c' G_c) N^-1 (Huber 1967; the clustered
+    form of Liang and Zeger 1986).
+
+    Args:
+        lens: lens vector (11,).
+        r_LE_E: points of the fit, Earth-fixed (n, 3) [m].
+        sigma_px: their standard deviations (n,) [px], as in the fit.
+        group: number of the group of each point (n,).
+        r_CE_E: fitted position (3,) [m].
+        dcm_CE: fitted attitude (3, 3).
+
+    Returns:
+        (6, 6) [m, rad] for one pixel; it grows with the square of the error.
+    """
+    n = len(r_LE_E)
+    predicted, slopes = np.empty((n, 2)), np.empty((n, 2, 6))
+    pose_derivatives(lens, np.ascontiguousarray(r_LE_E, float), r_CE_E, dcm_CE, predicted, slopes)
+    slopes *= SCALE
+    weight = sigma_px**-2.0
+    inverse: F64 = LINALG.inv(_normal(weight, slopes))
+    sums = np.zeros((int(group.max()) + 1, 2, 6))
+    np.add.at(sums, group, weight[:, None, None] * slopes)
+    middle = np.einsum("cka,ckb->ab", sums, sums)
+    return np.einsum("ab,bc,cd->ad", inverse, middle, inverse) * np.outer(SCALE, SCALE)
