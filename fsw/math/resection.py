@@ -243,9 +243,7 @@ def attitude_from_rays(lens: F64, r_LE_E: F64, pixel_px: F64, r_CE_E: F64) -> F6
     return u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
 
 
-def shared_covariance(
-    lens: F64, r_LE_E: F64, sigma_px: F64, group: NDArray[np.int64], r_CE_E: F64, dcm_CE: F64
-) -> F64:
+def shared_covariance(lens: F64, r_LE_E: F64, sigma_px: F64, group: NDArray[np.int64], r_CE_E: F64, dcm_CE: F64) -> F64:
     """Covariance of a fitted pose, if all points of a group err together by one pixel, and groups independently.
 
     Neighbouring landmarks share errors of map and heights, so they do not average out. With N the normal matrix and

@@ -134,11 +134,12 @@ def test_false_photos_give_no_fix(folder: Path, tmp_path: Path, capsys: pytest.C
     assert "no photo could be located" in capsys.readouterr().out
 
 
-def test_one_photo_with_a_calibration(folder: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
+def test_one_photo_with_a_calibration_and_the_same_again(folder: Path, tmp_path: Path) -> None:
     files = ["--photos", str(PHOTOS[7]), "--calibration", str(folder / "calibration.json")]
-    assert main([*files, "--out", str(out)]) == 0
-    (row,) = read(out)
+    for name in ("out", "again"):
+        assert main([*files, "--out", str(tmp_path / name)]) == 0
+    assert (tmp_path / "out" / "fixes.csv").read_bytes() == (tmp_path / "again" / "fixes.csv").read_bytes()
+    (row,) = read(tmp_path / "out")
     r, _ = orbit(row["utc"])
     assert row["valid"] == "1"
     assert np.linalg.norm(np.array([float(row[f"r_ecef_{k}_m"]) for k in "xyz"]) - r) < 6e3

@@ -8,7 +8,7 @@ import numpy as np
 
 from fsw import Bound, In, Module, Out, Record
 from fsw.math.camera import lens_vector
-from fsw.math.resection import Resection, attitude_from_rays, fit_pose
+from fsw.math.resection import Resection, attitude_from_rays, fit_pose, shared_covariance
 from messages.base import F64
 from messages.opnav import CameraConfigMsg, LandmarksMsg, PoseFixMsg, PosePriorMsg
 from modules.estimation.pose_from_landmarks.kernel import (
@@ -22,7 +22,7 @@ from modules.estimation.pose_from_landmarks.kernel import (
 )
 from modules.estimation.pose_from_landmarks.status import FixStatus
 from modules.estimation.rotations import beta_from_dcm, dcm_from_beta
-from modules.opnav.cells import cells_hit
+from modules.opnav.cells import cell_of
 
 Solved = tuple[FixStatus, Resection | None, Quality | None, F64 | None]
 
@@ -31,10 +31,10 @@ class PoseFromLandmarks(Module):
     """Position and attitude of a camera from landmarks, or a reason why there is none. See SPEC.md."""
 
     class Params(Record):
-        """Limits of the checks, and how far the covariance is widened."""
+        """Limits of the checks, and what widens the covariance."""
 
         reject: Annotated[float, "-", "landmarks beyond this many robust sigma do not count", Bound(gt=1)] = 3.0
-        inflation: Annotated[float, "-", "factor on the formal sigma", Bound(ge=1)] = 4.0
+        shared_px: Annotated[float, "px", "sigma of the error that neighbouring landmarks share", Bound(ge=0)] = 0.6
         min_inliers: Annotated[int, "-", "fewest landmarks used", Bound(ge=6)] = 100
         min_share: Annotated[float, "-", "least share of the candidates used", Bound(ge=0, le=1)] = 0.5
         min_cells: Annotated[int, "-", "fewest of the 24 cells of the image in use", Bound(ge=1, le=24)] = 10
@@ -69,12 +69,14 @@ class PoseFromLandmarks(Module):
         fit = fit_pose(lens, ground, pixel, sigma, prior.r_CE_E, start, self.params.reject)
         if fit is None:
             return FixStatus.NO_SOLUTION, None, None, None
-        P_pose = self.params.inflation**2 * fit.P_pose
-        used = fit.inlier
+        used, size = fit.inlier, (camera.height_px, camera.width_px)
+        group = cell_of(pixel[used], size)
+        shared = shared_covariance(lens, ground[used], sigma[used], group, fit.r_CE_E, fit.dcm_CE)
+        P_pose = fit.P_pose + self.params.shared_px**2 * shared
         quality = Quality(
             inliers=int(used.sum()),
             candidates=marks.candidates,
-            cells=cells_hit(pixel[used], (camera.height_px, camera.width_px)),
+            cells=len(np.unique(group)),
             rms_px=rms_length(fit.residual_px[used]),
             altitude=height_of(fit.r_CE_E),
             sigma=largest_sigma(P_pose[:3, :3]),

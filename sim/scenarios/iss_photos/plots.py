@@ -26,7 +26,8 @@ PLT: Any = plt
 _AXES = ("radial", "along track", "cross track")
 _CAPTION = (
     "Mean errors are inherited from the orbit, to which lens and mounting were calibrated\n"
-    "(grey: its 1 sigma). The scatter is what the photos show on their own."
+    "(grey: its 1 sigma). The scatter is what the photos show on their own; along the track it is partly\n"
+    "circular, as the cadence of the shutter was estimated from the photos too."
 )
 
 

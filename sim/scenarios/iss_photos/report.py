@@ -11,7 +11,8 @@ from sim.scenarios.iss_photos.shift import ShiftRow
 
 LIMITS = (
     "What this does not show: lens and mounting were calibrated with positions held to the approximate orbit, so the "
-    "mean error is not independent of that orbit. What the photos show on their own is the scatter. Sigma covers both."
+    "mean error is not independent of that orbit. What the photos show on their own is the scatter; along the track "
+    "that is partly circular, as the cadence of the shutter was estimated from the photos too. Sigma covers both parts."
 )
 ARC_MINUTE = np.pi / 10800.0
 

@@ -36,8 +36,8 @@ def locate(inputs: Inputs, ticker: Ticker) -> Run:
     """Play the photos through the graph, as often as it takes.
 
     Without a calibration: first, from the last photo to the first, until two are located; each of them improves what is
-    known of mounting and lens. Then all photos, to calibrate; then all again for the result. If more poses are clear but
-    far from the orbit than agree with it, the orbit is in doubt, and those get a second try that trusts it less.
+    known of mounting and lens. Then all photos, to calibrate; then all again for the result. If more poses are clear
+    but far from the orbit than agree with it, the orbit is in doubt, and those get a second try that trusts it less.
     """
     run = build(inputs)
     every = list(range(len(inputs.played)))

@@ -117,18 +117,36 @@ def test_perfect_attitude(criterion: Callable[[str, float], None]) -> None:
     criterion("POSE-2", float(ROTATION.from_matrix(dcm_from_beta(fix.beta_CE) @ DCM_CE.T).magnitude()))
 
 
-def test_covariance_is_honest(criterion: Callable[[str, float], None]) -> None:
-    """POSE-3: with independent errors and no inflation. The mean of 200 chi-square(6) / 6 has a sigma of 0.04."""
-    ground, pixel = scene(150)
+def normalised_squares(params: PoseFromLandmarks.Params, error_px: Callable[[np.random.Generator, F64], F64]) -> F64:
+    """Error' P^-1 error / 6 of 200 fixes; their mean has a sigma of 0.04 about 1 if P is right."""
+    ground, pixel = scene()
     rng = np.random.default_rng(2)
     squares: list[float] = []
-    params = PoseFromLandmarks.Params(inflation=1.0, reject=6.0)
     for _ in range(200):
-        fix = valid(fix_of(marks_of(ground, pixel + rng.normal(0, 0.8, pixel.shape)), prior_of(), params))
+        fix = valid(fix_of(marks_of(ground, pixel + error_px(rng, pixel)), prior_of(), params))
         theta = -ROTATION.from_matrix(DCM_CE @ dcm_from_beta(fix.beta_CE).T).as_rotvec()
         error = np.concatenate([R_CE_E - fix.r_CE_E, theta])
         squares.append(float(error @ np.linalg.solve(fix.P_pose, error)) / 6.0)
+    return np.array(squares)
+
+
+def test_covariance_is_honest(criterion: Callable[[str, float], None]) -> None:
+    """POSE-3."""
+    params = PoseFromLandmarks.Params(shared_px=0.0, reject=6.0)
+    squares = normalised_squares(params, lambda rng, pixel: rng.normal(0, 0.8, pixel.shape))
     criterion("POSE-3", float(np.mean(squares)) - 1.0)
+
+
+def test_shared_errors(criterion: Callable[[str, float], None]) -> None:
+    """POSE-6: one error for each 216 x 243 px, and a tenth of it for each landmark."""
+
+    def error_px(rng: np.random.Generator, pixel: F64) -> F64:
+        cell = np.clip((pixel + 0.5) // [216, 243], 0, [5, 3]).astype(int)
+        return rng.normal(0, 0.6, (6, 4, 2))[cell[:, 0], cell[:, 1]] + rng.normal(0, 0.06, pixel.shape)
+
+    # The residuals show the shared errors too, as if they were independent: a twentieth is counted twice
+    squares = normalised_squares(PoseFromLandmarks.Params(shared_px=0.6, reject=9.0), error_px)
+    criterion("POSE-6", float(np.mean(squares)) - 1.0)
 
 
 def test_prior_does_not_pull(criterion: Callable[[str, float], None]) -> None:
@@ -152,12 +170,13 @@ def test_false_landmarks(criterion: Callable[[str, float], None]) -> None:
     criterion("POSE-5", float(np.sqrt(error @ np.linalg.solve(fix.P_pose[:3, :3], error))))
 
 
-def test_inflation_widens_the_covariance() -> None:
+def test_shared_errors_widen_the_covariance() -> None:
     ground, pixel = scene()
     marks = marks_of(ground, pixel + np.random.default_rng(3).normal(0, 0.8, pixel.shape))
-    one = valid(fix_of(marks, prior_of(), PoseFromLandmarks.Params(inflation=1.0)))
-    four = valid(fix_of(marks, prior_of()))
-    np.testing.assert_allclose(four.P_pose, 16.0 * one.P_pose, rtol=1e-12)
+    sharing = [0.0, 0.5, 1.0]
+    none, half, one = (valid(fix_of(marks, prior_of(), PoseFromLandmarks.Params(shared_px=x))).P_pose for x in sharing)
+    np.testing.assert_allclose(one - none, 4.0 * (half - none), rtol=1e-9, atol=1e-9)
+    assert np.linalg.eigvalsh(one - none)[0] > 0.0
 
 
 def noisy(n: int = 400, spread: float = 0.8) -> tuple[F64, F64]:
