@@ -20,7 +20,7 @@ help:
 	@echo "PYTHON=python3.12 make ...   chooses the Python (3.11 or later) that .venv is made with"
 
 demo: $(READY)
-	$(BIN)/python -m sim.scenarios.iss_photos
+	$(BIN)/python -m sim.scenarios.iss_photos --shift-study
 
 test: $(READY)
 	$(PYTEST) -m "not slow"

@@ -10,10 +10,8 @@ import importlib.metadata
 import json
 import os
 import platform
-import shutil
 import sys
 import sysconfig
-import tempfile
 import types
 import warnings
 from collections.abc import Callable
@@ -23,7 +21,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from fsw.math.compiled import OPTIONS, compiled
+from fsw.files import atomic
+from fsw.math.compiled import OPTIONS, Compiled
 
 _LIBRARIES = tuple(sysconfig.get_paths()[k] for k in ("stdlib", "platstdlib", "purelib", "platlib"))
 progress: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True)  # noqa: E731, T201
@@ -119,7 +118,7 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
         import llvmlite.binding as llvm
 
         key = hashlib.sha256()
-        files: set[str] = {str(Path(__file__).with_name("native.py"))}
+        files = {str(Path(__file__).with_name(name)) for name in ("native.py", "intrinsics.py", "cache.py")}
         for function in self.reach.values():
             functions, constants = reachable(function)
             files |= {f.__code__.co_filename for f in functions}
@@ -138,79 +137,113 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
         return key.hexdigest()[:24]
 
     @property
-    def folder(self) -> Path:
+    def path(self) -> Path:
         """Where the machine code is kept, whether it is there or not."""
-        return cache_folder() / f"{self.name.rpartition('.')[2]}-{self.key}"
+        return cache_folder() / f"{self.name.rpartition('.')[2]}-{self.key}.o"
 
-    def build(self) -> tuple[Any, bool]:
-        """The compiled function (a numba ``cfunc``), and whether it was found on disk."""
-        folder = self.folder
-        if folder.is_dir():
-            if _intact(folder):
-                try:
-                    return self._compile(folder, save=True), True
-                except Exception as error:  # whatever an unreadable entry raises, the remedy is the same
-                    reason = repr(error)
-            else:
-                reason = "its checksum is wrong"
-            text = f"compile cache: entry of {self.name} is damaged ({reason}); compiling again"
-            warnings.warn(text, CacheWarning, stacklevel=4)
-            shutil.rmtree(folder, ignore_errors=True)
-        progress(f"compiling {self.name} (once; kept in {cache_folder()})")
+    def build(self) -> tuple[int, bool]:
+        """Address of the compiled function, and whether it was found on disk."""
         try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=folder.parent, prefix="new-", ignore_cleanup_errors=True) as temporary:
-                place = Path(temporary) / "entry"
-                place.mkdir()
-                made = self._compile(place, save=True)
-                sums = {str(f.relative_to(place)): _sum(f) for f in sorted(place.rglob("*")) if f.is_file()}
-                (place / "manifest.json").write_text(json.dumps({"name": self.name, "files": sums}))
-                if not folder.exists():  # else another process was faster, and its entry is as good
-                    place.replace(folder)
+            data = self.path.read_bytes()
+        except OSError:
+            data = b""
+        if data:
+            try:
+                return _load(data), True
+            except Exception as error:  # whatever a damaged entry raises, the remedy is the same
+                text = f"compile cache: entry of {self.name} is damaged ({error}); compiling again"
+                warnings.warn(text, CacheWarning, stacklevel=4)
+        progress(f"compiling {self.name} (once; kept in {cache_folder()})")
+        data = self._compile()
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic(self.path) as temporary:
+                temporary.write_bytes(data)
         except OSError as error:
-            text = (
-                f"compile cache: cannot write {cache_folder()} ({error}); kernels are compiled again at the next start"
-            )
+            text = f"compile cache: cannot write {cache_folder()} ({error}); the next start compiles again"
             warnings.warn(text, CacheWarning, stacklevel=4)
-            made = self._compile(folder, save=False)
-        return made, False
+        return _load(data), False
 
-    def _compile(self, folder: Path, *, save: bool) -> Any:
-        """Compile the source as a file in ``folder``, or load it if numba finds its object code there."""
-        from numba import cfunc, from_dtype, int32, int64
+    def _compile(self) -> bytes:
+        """A line of JSON (checksum, symbol, external symbols) and the object code."""
+        import llvmlite.binding as llvm
+        from numba import from_dtype, int32, int64, njit
         from numba.core.errors import NumbaExperimentalFeatureWarning
 
-        from fsw import native
+        from fsw import intrinsics, native
 
-        config: Any = importlib.import_module("numba.core.config")
-        file = folder / "entry.py"
-        module = types.ModuleType(f"fsw_entry_{self.key}")
-        module.__file__ = str(file)
-        names: dict[str, Any] = vars(module)
-        names |= {n: getattr(native, n) for n in ("peek", "move", "row_at", "table_at")}
-        names |= {n: f if hasattr(f, "py_func") else compiled(f) for n, f in self.reach.items()}
+        names: dict[str, Any] = {"__name__": f"fsw_entry_{self.key}", "peek": native.peek, "move": native.move}
+        names["row_at"] = intrinsics.row_at
+        names |= {n: f if isinstance(f, Compiled) else Compiled(f) for n, f in self.reach.items()}
         names |= {f"R{i}": from_dtype(d) for i, d in enumerate(self.dtypes)}
-        if save and not file.exists():
-            file.write_text(self.source)
-        exec(compile(self.source, str(file), "exec"), names)
-        sys.modules[module.__name__] = module  # numba looks the module of cached code up by name
-        elsewhere, config.CACHE_DIR = config.CACHE_DIR, ""  # keep the object code beside the wrapper
-        try:
-            with warnings.catch_warnings():
-                # a row whose fields begin like another row's may be passed as that one: same offsets, so it is safe
-                warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-                return cfunc(int32(int64, int64), cache=save, **OPTIONS)(names["entry"])
-        finally:
-            config.CACHE_DIR = elsewhere
+        exec(compile(self.source, f"<wrapper of {self.name}>", "exec"), names)
+        with warnings.catch_warnings():
+            # numba takes a row that begins like another one for a kind of it, which is right: the offsets are the same
+            warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+            bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            made: Any = njit(int32(int64, int64), **bare, **OPTIONS)(names["entry"])
+        (result,) = made.overloads.values()
+        symbol = f"fsw_{self.key}"
+        text = _C_WRAPPER.format(symbol=symbol, function=result.fndesc.llvm_func_name)
+        module: Any = llvm.parse_assembly(result.library.get_llvm_str() + text)
+        code: bytes = _machine().emit_object(module)
+        declared = [x.name for group in (module.functions, module.global_variables) for x in group if x.is_declaration]
+        externals = [name for name in declared if not name.startswith("llvm.")]
+        head = {"sha256": hashlib.sha256(code).hexdigest(), "symbol": symbol, "externals": externals}
+        return json.dumps(head).encode() + b"\n" + code
 
 
-def _sum(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+_C_WRAPPER = """
+define i32 @{symbol}(i64 %a, i64 %b) {{
+  %result = alloca i32
+  %exception = alloca ptr
+  store i32 0, ptr %result
+  %status = call i32 @"{function}"(ptr %result, ptr %exception, i64 %a, i64 %b)
+  %returned = load i32, ptr %result
+  %good = icmp eq i32 %status, 0
+  %code = select i1 %good, i32 %returned, i32 1
+  ret i32 %code
+}}
+"""
+"""Calls a function by numba's convention (result and exception by pointer); what it raises becomes a 1."""
 
 
-def _intact(folder: Path) -> bool:
-    try:
-        files: dict[str, str] = json.loads((folder / "manifest.json").read_text())["files"]
-        return all(_sum(folder / name) == value for name, value in files.items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return False
+def _machine() -> Any:
+    """The processor at hand, as a target of the compiler."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=3, jit=True)
+
+
+@functools.cache
+def _engine() -> Any:
+    """What holds machine code in memory, as long as the process lives."""
+    import llvmlite.binding as llvm
+
+    machine = _machine()
+    module = llvm.parse_assembly("")
+    module.triple = machine.triple
+    return llvm.create_mcjit_compiler(module, machine)
+
+
+def _load(data: bytes) -> int:
+    """Address of the function in what `Unit._compile` returned."""
+    import llvmlite.binding as llvm
+
+    head, _, code = data.partition(b"\n")
+    told = json.loads(head)
+    if hashlib.sha256(code).hexdigest() != told["sha256"]:
+        raise ValueError("its checksum is wrong")
+    missing = [name for name in told["externals"] if not llvm.address_of_symbol(name)]
+    if missing:  # such as memory for arrays: the compiler brings it
+        context = importlib.import_module("numba.core.registry").cpu_target.target_context
+        importlib.import_module("numba.core.runtime").rtsys.initialize(context)
+        missing = [name for name in missing if not llvm.address_of_symbol(name)]
+    if missing:
+        raise ValueError(f"no such function here: {', '.join(missing)}")
+    _engine().add_object_file(llvm.ObjectFileRef.from_data(code))
+    _engine().finalize_object()
+    return _engine().get_function_address(told["symbol"])

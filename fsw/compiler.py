@@ -35,11 +35,9 @@ class Entry:
         saved: indices of the rows that it saves before it writes them; none if it cannot raise.
     """
 
-    def __init__(self, cfunc: Any, from_cache: bool, saved: tuple[int, ...]) -> None:
-        self._keep = cfunc
-        self.address: int = cfunc.address
-        self.function = _C_FUNCTION(self.address)
-        self.from_cache, self.saved = from_cache, saved
+    def __init__(self, address: int, from_cache: bool, saved: tuple[int, ...]) -> None:
+        self.address, self.from_cache, self.saved = address, from_cache, saved
+        self.function = _C_FUNCTION(address)
 
     def pointers(self, rows: list[NDArray[Any]]) -> NDArray[np.int64]:
         """What the function takes as its second argument: the addresses of the rows and of the space behind them."""
@@ -76,7 +74,7 @@ def _unit(cls: type[KernelModule]) -> Unit:
     lines += [f"space = peek(rows + {8 * count})"] if saved else []
     lines += [f"move(space, a{i}, {dtypes[i].itemsize}); space += {dtypes[i].itemsize}" for i in saved]
     arguments = ", ".join(f"row_at(a{i}, R{i})" for i in range(count))
-    lines += ["try:", f"    kernel(t_ns, {arguments})", "except Exception:", "    return 1", "return 0"]
+    lines += [f"kernel(t_ns, {arguments})", "return 0"]
     source = "\n    ".join(["def entry(t_ns, rows):", *lines])
     return Unit(f"{cls.__module__}.{cls.__qualname__}", source, {"kernel": cls.kernel}, dtypes)
 
@@ -89,19 +87,14 @@ def entry_of(cls: type[KernelModule]) -> Entry:
 
 @functools.cache
 def loop_entry() -> Entry:
-    """The compiled executive: takes the address of the control block, and 0."""
-    tables = [
-        f"t{i} = table_at(peek(c + {48 + 8 * i}), peek(c + {8 + 8 * i}), {width})"
-        for i, width in enumerate((*loop.WIDTHS, 1))
-    ]
-    call = "return run(peek(c), t0, t1, t2, t3, t4[:, 0], peek(c + 88), peek(c + 96))"
-    source = "\n    ".join(["def entry(c, unused):", *tables, call])
+    """The compiled executive, `fsw.loop.run`."""
+    source = "def entry(control, unused):\n    return run(control, unused)"
     return Entry(*Unit("fsw.loop.run", source, {"run": loop.run}).build(), ())
 
 
 def compile_all(classes: Iterable[type[KernelModule]]) -> None:
     """Compile what the cache lacks, half of it in a second process if that pays."""
-    missing = [c for c in classes if not _unit(c).folder.is_dir()]
+    missing = [c for c in classes if not _unit(c).path.is_file()]
     apart = [c for c in missing if c.__module__ != "__main__" and "<locals>" not in c.__qualname__][1::2]
     if len(apart) < 2 or (os.cpu_count() or 1) < 2:
         return

@@ -14,10 +14,8 @@ Tables (int64), built by `fsw.simulation`:
 
 from __future__ import annotations
 
-from typing import Any
-
 from fsw.math.compiled import compiled
-from fsw.native import call, move, peek
+from fsw.native import call, move, peek, table_at
 
 DONE, PYTHON, FAILED, STALE, FULL, WATCHED, PAUSE = range(7)
 """Why `run` returned; the slot is in the cursor."""
@@ -44,11 +42,18 @@ def unchanged(a: int, b: int, size: int) -> bool:
     return True
 
 
-def run(until: int, tasks: Any, slots: Any, checks: Any, records: Any, cursor: Any, clock: int, stamp: int) -> int:
-    """Run up to and including ``until`` ns, at most as many new instants as are left, and return why it stopped.
+def run(control: int, unused: int) -> int:
+    """Run up to the time given, at most as many new instants as are left in the cursor, and return why it stopped.
 
-    ``clock`` is the address of ``clock_gettime`` and ``stamp`` of a timespec if modules are timed, else 0.
+    ``control`` is the address of: time (ns), lengths and addresses of tasks, slots, checks, records, cursor; address of
+    ``clock_gettime`` and of a timespec if modules are timed, else 0.
     """
+    until, clock, stamp = peek(control), peek(control + 88), peek(control + 96)
+    tasks = table_at(peek(control + 48), peek(control + 8), 7)
+    slots = table_at(peek(control + 56), peek(control + 16), 7)
+    checks = table_at(peek(control + 64), peek(control + 24), 4)
+    records = table_at(peek(control + 72), peek(control + 32), 10)
+    cursor = table_at(peek(control + 80), 1, 6)[0]
     while True:
         if cursor[TASK] < 0:
             t = tasks[0, NEXT]

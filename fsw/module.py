@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.math.compiled import COMPILE, compiled
+from fsw.math.compiled import COMPILE, compiled, plain
 from fsw.ports import In, InPort, Out, OutPort, blank_row, field_views
 from fsw.streams import stream_words
 from messages.base import ObjectMessage, Record, dtype_of, fields_of
@@ -238,7 +238,7 @@ class KernelModule(Module):
         before = [row.copy() for row in rows]
         try:
             with np.errstate(all="ignore"):
-                type(self).kernel(t_ns, *[row.view(np.recarray)[0] for row in rows])
+                plain(type(self).kernel)(t_ns, *[row.view(np.recarray)[0] for row in rows])
         except BaseException:
             for row, old in zip(rows, before, strict=True):
                 row[:] = old

@@ -1,92 +1,33 @@
-"""The operations on raw addresses, each compiled and in plain Python: the only place that leaves the type system."""
-
-# pyright: reportRedeclaration=false
+"""The operations on raw addresses, the only place that leaves the type system; `fsw.intrinsics` compiles them."""
 
 from __future__ import annotations
 
 import ctypes
 from typing import Any
 
-from fsw.math.compiled import COMPILE
+import numpy as np
 
-if COMPILE:
-    from llvmlite import ir
-    from numba.core import cgutils, types
-    from numba.extending import intrinsic
+from messages.base import I64
 
-    _I64 = ir.IntType(64)
 
-    @intrinsic
-    def peek(typing: Any, address: Any) -> Any:
-        """The 64-bit integer at an address."""
+def peek(address: int) -> int:
+    """The 64-bit integer at an address."""
+    return ctypes.c_int64.from_address(int(address)).value
 
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.load(builder.inttoptr(args[0], _I64.as_pointer()))
 
-        return types.int64(types.int64), build
+def move(target: int, source: int, size: int) -> None:
+    """Copy ``size`` bytes between addresses that do not overlap."""
+    ctypes.memmove(int(target), int(source), int(size))
 
-    @intrinsic
-    def move(typing: Any, target: Any, source: Any, size: Any) -> Any:
-        """Copy ``size`` bytes between addresses that do not overlap."""
 
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            byte = ir.IntType(8).as_pointer()
-            to, start = builder.inttoptr(args[0], byte), builder.inttoptr(args[1], byte)
-            cgutils.raw_memcpy(builder, to, start, args[2], 1)
-            return context.get_dummy_value()
+def call(function: int, a: int, b: int) -> int:
+    """Call the C function ``int32 f(int64, int64)`` at an address."""
+    return ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, ctypes.c_int64)(function)(a, b)
 
-        return types.void(types.int64, types.int64, types.int64), build
 
-    @intrinsic
-    def call(typing: Any, function: Any, a: Any, b: Any) -> Any:
-        """Call the C function ``int32 f(int64, int64)`` at an address."""
-
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            kind = ir.FunctionType(ir.IntType(32), [_I64, _I64])
-            return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-
-        return types.int32(types.int64, types.int64, types.int64), build
-
-    @intrinsic
-    def table_at(typing: Any, address: Any, rows: Any, columns: Any) -> Any:
-        """The C-contiguous int64 matrix at an address; ``columns`` is a constant."""
-        kind = types.Array(types.int64, 2, "C")
-
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            array = context.make_array(kind)(context, builder)
-            stride = builder.mul(args[2], ir.Constant(_I64, 8))
-            context.populate_array(
-                array,
-                data=builder.inttoptr(args[0], _I64.as_pointer()),
-                shape=cgutils.pack_array(builder, [args[1], args[2]]),
-                strides=cgutils.pack_array(builder, [stride, ir.Constant(_I64, 8)]),
-                itemsize=ir.Constant(_I64, 8),
-                meminfo=None,
-            )
-            return array._getvalue()
-
-        return kind(types.int64, types.int64, types.int64), build
-
-    @intrinsic
-    def row_at(typing: Any, address: Any, kind: Any) -> Any:
-        """The row of a structured type at an address."""
-        record = kind.dtype if hasattr(kind, "dtype") else kind.instance_type
-
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.inttoptr(args[0], context.get_value_type(record))
-
-        return record(types.int64, kind), build
-
-else:
-
-    def peek(address: int) -> int:
-        """The 64-bit integer at an address."""
-        return ctypes.c_int64.from_address(int(address)).value
-
-    def move(target: int, source: int, size: int) -> None:
-        """Copy ``size`` bytes between addresses that do not overlap."""
-        ctypes.memmove(int(target), int(source), int(size))
-
-    def call(function: int, a: int, b: int) -> int:
-        """Call the C function ``int32 f(int64, int64)`` at an address."""
-        return ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, ctypes.c_int64)(function)(a, b)
+def table_at(address: int, rows: int, columns: int) -> I64:
+    """The matrix of 64-bit integers at an address, (rows, columns)."""
+    if not rows:
+        return np.zeros((0, columns), np.int64)
+    memory: Any = (ctypes.c_int64 * (int(rows) * columns)).from_address(int(address))
+    return np.frombuffer(memory, np.int64).reshape(-1, columns)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import tempfile
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -14,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw import loop
+from fsw.files import atomic
 from messages.base import Message, ObjectMessage, json_schema
 
 if TYPE_CHECKING:
@@ -146,20 +144,6 @@ class Recording(Generic[M]):
 
     def __repr__(self) -> str:
         return f"Recording({self.port}, {len(self)} rows)"
-
-
-@contextlib.contextmanager
-def atomic(path: Path | str) -> Generator[Path]:
-    """A temporary file beside ``path`` that takes its place if all goes well, and vanishes if not."""
-    path = Path(path)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.close(handle)
-    try:
-        yield Path(name)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    finally:
-        Path(name).unlink(missing_ok=True)
 
 
 def _save_npz(path: Path, recordings: Sequence[Recording[Any]]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
@@ -100,6 +100,7 @@ class Tables:
         lengths, addresses = [len(t) for t in tables], [t.ctypes.data for t in tables]
         self._control = np.array([0, *lengths, *addresses, 0, self._stamp.ctypes.data], np.int64)
         self._address: int = self._control.ctypes.data
+        self._call: Callable[[int, int], int] = loop.run
         if COMPILE:
             from fsw.compiler import loop_entry
 
@@ -111,6 +112,4 @@ class Tables:
 
     def run(self) -> int:
         """Call the loop; returns why it stopped, see `fsw.loop`."""
-        if COMPILE:
-            return self._call(self._address, 0)
-        return loop.run(int(self._control[0]), self.tasks, self.slots, self.checks, self.records, self.cursor, 0, 0)
+        return self._call(self._address, 0)

@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Callable
 from types import FunctionType
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -18,30 +18,55 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 """numba options of all compiled code: IEEE division, no fastmath, no contraction."""
 
 
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a pure function of numbers, arrays and rows when it is first called.
+class Compiled(Generic[P, R]):
+    """A pure function that compiled code calls directly, and that Python compiles when it first calls it.
 
-    The mark of everything a kernel may call. The function must be in the subset that numba compiles and must
-    mean the same in plain Python, because ``FSW_COMPILE=0`` and error reports run it uncompiled.
+    Attributes:
+        py_func: the function as written.
+    """
+
+    def __init__(self, function: Callable[P, R]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+
+    @functools.cached_property
+    def _dispatcher(self) -> Any:
+        import numba
+
+        return cast(Any, numba).njit(self.py_func, **OPTIONS)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba asks of an object that it meets in compiled code."""
+        import numba
+
+        return cast(Any, numba).typeof(self._dispatcher)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the compiled function."""
+        return self._dispatcher(*args, **kwargs)
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Mark a pure function of numbers, arrays and rows as one that kernels may call.
+
+    The function must be in the subset that numba compiles and must mean the same in plain Python, because
+    ``FSW_COMPILE=0`` and error reports run it uncompiled. The compiler is loaded when there is something to compile.
 
     Args:
         function: pure function; it may write into arrays that its name or docstring declares as outputs.
 
     Returns:
-        The compiled dispatcher (the plain function is its ``py_func``), or ``function`` itself when compilation is off.
+        A `Compiled`, or ``function`` itself when compilation is off.
     """
-    if not COMPILE:
-        return function
-    import numba
-
-    return cast(Any, numba).njit(function, no_cfunc_wrapper=True, **OPTIONS)
+    return Compiled(function) if COMPILE else function
 
 
 def plain(function: Callable[P, R]) -> Callable[P, R]:
     """A compiled function, and all it calls, as plain Python: for the few calls of a set-up, faster than compiling.
 
     Args:
-        function: what `compiled` returned; it does not call itself.
+        function: what `compiled` returned, or a function that calls such; it does not call itself.
 
     Returns:
         A function that does the same.
@@ -56,4 +81,4 @@ def _plain(function: Any) -> Any:
     for name in source.__code__.co_names:
         if hasattr(scope.get(name), "py_func"):
             scope[name] = _plain(scope[name])
-    return FunctionType(source.__code__, scope, source.__name__, source.__defaults__)
+    return FunctionType(source.__code__, scope, source.__name__, source.__defaults__, source.__closure__)

@@ -28,11 +28,11 @@ from rich.table import Table
 
 import messages
 from fsw import cache, compiler
+from fsw.files import atomic
 from fsw.graph import Graph
 from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule
 from fsw.ports import collect_wiring_errors
-from fsw.recorder import atomic
 from fsw.simulation import Simulation
 from fsw.tools import scaffold, specs
 from messages.base import Message, ObjectMessage, fields_of, json_schema
@@ -204,7 +204,7 @@ def info(args: argparse.Namespace) -> int:
     table.add_row("libraries", ", ".join(f"{p} {importlib.metadata.version(p)}" for p in ("numpy", "numba", "msgspec")))
     table.add_row("machine", f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     table.add_row("kernels", "compiled" if COMPILE else "plain Python (FSW_COMPILE=0)")
-    table.add_row("cache", f"{folder}, {len(list(folder.glob('*/manifest.json')))} kernels, {size / 1e6:.1f} MB")
+    table.add_row("cache", f"{folder}, {len(list(folder.glob('*.o')))} kernels, {size / 1e6:.1f} MB")
     try:
         here = f"{len(specs.module_folders(root_folder()))} modules, {len(known_messages())} messages"
     except UsageError as error:

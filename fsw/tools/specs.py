@@ -14,9 +14,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from fsw.files import atomic
 from fsw.module import Module
 from fsw.ports import In
-from fsw.recorder import atomic
 from messages.base import Field, fields_of
 
 TABLES = {

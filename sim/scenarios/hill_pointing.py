@@ -17,7 +17,7 @@ from fsw import Recording, Simulation, Task, minutes, ms, s
 from fsw.math.compiled import plain
 from fsw.math.gravity import MU_EARTH
 from fsw.math.kepler import elements_to_rv
-from fsw.recorder import atomic
+from fsw.files import atomic
 from messages.attitude import AttGuidMsg
 from messages.base import F64
 from modules.control.mrp_feedback import MrpFeedback

@@ -118,22 +118,22 @@ def test_a_changed_layout_of_a_row_is_seen(built: Project) -> None:
 
 
 def damage(cache: Path, how: str) -> None:
-    for file in cache.rglob("*"):
-        if how == "garbage" and file.suffix in (".nbi", ".nbc"):
-            file.write_bytes(b"garbage")
-        if how == "cut" and file.suffix == ".nbc":
-            file.write_bytes(file.read_bytes()[:100])
-        if how == "bit" and file.suffix == ".nbc":
-            data = bytearray(file.read_bytes())
-            data[len(data) // 2] ^= 1
-            file.write_bytes(data)
-        if how == "manifest" and file.name == "manifest.json":
-            file.write_text("{")
-        if how == "missing" and file.suffix == ".nbc":
-            file.unlink()
+    for file in cache.glob("*.o"):
+        data = bytearray(file.read_bytes())
+        if how == "garbage":
+            data[:] = b"garbage"
+        if how == "cut":
+            del data[len(data) // 2 :]
+        if how == "bit":
+            data[-len(data) // 4] ^= 1
+        if how == "head":
+            data[0] = 0
+        if how == "symbol":
+            data[:] = data.replace(b'"externals": [', b'"externals": ["no_such_function", ').replace(b", ]", b"]")
+        file.write_bytes(data)
 
 
-@pytest.mark.parametrize("how", ["garbage", "cut", "bit", "manifest", "missing"])
+@pytest.mark.parametrize("how", ["garbage", "cut", "bit", "head", "symbol"])
 def test_a_corrupt_cache_is_reported_and_built_again(built: Project, how: str) -> None:
     damage(built.cache, how)
     value, error = built.run()
@@ -163,4 +163,35 @@ def test_two_processes_at_once_share_a_cold_cache(tmp_path: Path) -> None:
         out, error = process.communicate(timeout=120)
         assert process.returncode == 0 and float(out.split()[-1]) == 13.0, error
     assert project.run() == (13.0, "")
-    assert not list(project.cache.glob("new-*")), "no half-built entry stays"
+    assert {file.suffix for file in project.cache.iterdir()} == {".o"}, "no half-built entry stays"
+
+
+ALLOCATING = """
+    from typing import Annotated
+    import numpy as np
+    from fsw import KernelModule, Message, Out, Row, Simulation, Task, publish, s
+
+    class ValueMsg(Message):
+        x: Annotated[float, "m", "value"]
+
+    class Scaler(KernelModule):
+        out_value = Out(ValueMsg)
+
+        @staticmethod
+        def kernel(t_ns: int, params: Row, state: Row, out_value: Row) -> None:
+            out_value.x = np.linalg.solve(np.eye(3) * 2.0, np.full(3, t_ns + 26.0))[1]
+            publish(out_value, t_ns)
+
+    scaler = Scaler("scaler")
+    Simulation([Task("only", s(1), [scaler])]).run_until(0)
+    print("value", scaler.out_value.latest().x)
+"""
+
+
+def test_a_kernel_that_needs_the_run_time_library_of_the_compiler(tmp_path: Path) -> None:
+    project = Project(tmp_path)
+    project.write("module.py", ALLOCATING)
+    value, error = project.run()
+    assert value == 13.0
+    assert "compiling __main__.Scaler" in error
+    assert project.run() == (13.0, "")

@@ -25,7 +25,7 @@ from fsw import (
     save,
     zeros,
 )
-from fsw.recorder import atomic
+from fsw.files import atomic
 
 
 class StepMsg(Message):
