@@ -143,13 +143,9 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
 
     def build(self) -> tuple[int, bool]:
         """Address of the compiled function, and whether it was found on disk."""
-        try:
-            data = self.path.read_bytes()
-        except OSError:
-            data = b""
-        if data:
+        if self.path.is_file():
             try:
-                return _load(data), True
+                return _load(self.path.read_bytes()), True
             except Exception as error:  # whatever a damaged entry raises, the remedy is the same
                 text = f"compile cache: entry of {self.name} is damaged ({error}); compiling again"
                 warnings.warn(text, CacheWarning, stacklevel=4)
@@ -200,12 +196,11 @@ define i32 @{symbol}(i64 %a, i64 %b) {{
   store i32 0, ptr %result
   %status = call i32 @"{function}"(ptr %result, ptr %exception, i64 %a, i64 %b)
   %returned = load i32, ptr %result
-  %good = icmp eq i32 %status, 0
-  %code = select i1 %good, i32 %returned, i32 1
+  %code = or i32 %status, %returned
   ret i32 %code
 }}
 """
-"""Calls a function by numba's convention (result and exception by pointer); what it raises becomes a 1."""
+"""Calls a function by numba's convention, result and exception by pointer; if it raises, the result is not 0."""
 
 
 def _machine() -> Any:

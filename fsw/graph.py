@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from fractions import Fraction
-from itertools import groupby
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -157,9 +156,8 @@ class Graph:
         elif not isinstance(module, Module):
             self._fault("module", where, f"is {module!r}, not a module. Put only modules into a task")
         elif "_simulation" not in vars(module):
-            self._fault(
-                "module", where, f"is a {name} without ports. Let its __init__ call super().__init__(name, params)"
-            )
+            advice = "Let its __init__ call super().__init__(name, params)"
+            self._fault("module", where, f"is a {name} without ports. {advice}")
         elif any(module is known for known in self.modules):
             self._fault("twice", module.name, f"is in a task already and again as {where}. List it once, or make two")
         else:
@@ -265,31 +263,15 @@ class Graph:
 
     def report(self, format: Literal["text", "json"] = "text") -> str:  # noqa: A002
         """Tasks, connections with type, rates and latency, and faults."""
-        if format == "json":
-            tasks = [(t, [m.name for m in self.modules if m in t.modules]) for t in dict.fromkeys(self.tasks)]
-            keys = "name", "period_ns", "phase_ns", "modules"
-            shown = [dict(zip(keys, (t.name, t.period, t.phase, names), strict=True)) for t, names in tasks]
-            found = {"tasks": shown, "edges": self.edges, "faults": self._faults}
-            return msgspec.json.format(msgspec.json.encode(found, enc_hook=str), indent=2).decode()
-        lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in self.lanes()]
-        lines += [f"{e.source} -> {e.reader}: {e.label}{', delayed' if e.delayed else ''}" for e in self.edges]
-        return "\n".join([*lines, f"faults: {len(self._faults)}", *map(str, self._faults)])
+        from fsw.tools import picture
+
+        return {"text": picture.text_report, "json": picture.json_report}[format](self)
 
     def picture(self, format: Literal["mermaid", "dot", "svg"] = "svg") -> str:  # noqa: A002
         """The graph drawn: a lane for each task, its modules in order, connections with type, rates and latency."""
         from fsw.tools import picture
 
         return {"mermaid": picture.mermaid, "dot": picture.dot, "svg": picture.svg}[format](self)
-
-    def lanes(self) -> list[tuple[str, list[tuple[int, str]]]]:
-        """Title of each task, and place and title of its modules."""
-        named = [(place, f"{m.name} ({type(m).__name__})") for place, m in enumerate(self.modules)]
-        tasks = groupby(named, key=lambda module: self.tasks[module[0]])
-        return [(f"{t.name}, every {_time(t.period)} from {_time(t.phase)}", list(modules)) for t, modules in tasks]
-
-
-def _time(t_ns: Any) -> str:
-    return text(t_ns) if type(t_ns) in (int, Fraction) else repr(t_ns)
 
 
 def _is_time(value: Any, least: int, *, kinds: tuple[type, ...] = (int,)) -> bool:

@@ -60,11 +60,11 @@ class OutPort(Generic[M]):
     """An output of one module instance. Only its owner writes it.
 
     Attributes:
-        owner: the module. name: of the port. kind: message class. row: one-row array in the arena.
+        owner: the module. name: of the port. kind: message class. row: one-row array in the arena. head: its t_ns, seq.
         readers: connected inputs. recordings: attached recordings.
     """
 
-    __slots__ = ("_head", "_last", "_last_seq", "_views", "kind", "name", "owner", "readers", "recordings", "row")
+    __slots__ = ("_last", "_last_seq", "_views", "head", "kind", "name", "owner", "readers", "recordings", "row")
 
     def __init__(self, owner: Module, name: str, kind: type[M]) -> None:
         self.owner, self.name, self.kind = owner, name, kind
@@ -76,7 +76,7 @@ class OutPort(Generic[M]):
     def bind(self, row: NDArray[Any]) -> None:
         """Use another one-row array, such as a row of a simulation's arena."""
         self.row = row
-        self._head = memoryview(cast(Any, row.view(np.uint8))).cast("q")
+        self.head = memoryview(cast(Any, row.view(np.uint8))).cast("q")
         self._views = [] if issubclass(self.kind, ObjectMessage) else field_views(self.kind, row)
         self._last_seq = -1 if issubclass(self.kind, Message) else self.seq
 
@@ -90,7 +90,7 @@ class OutPort(Generic[M]):
             raise TypeError(f"{self}: expected {self.kind.__name__}, got {type(message).__name__}")
         for name, view in self._views:
             view[...] = getattr(message, name)
-        head = self._head
+        head = self.head
         head[0] = t_ns
         head[1] = self._last_seq = head[1] + 1
         self._last = message
@@ -101,7 +101,7 @@ class OutPort(Generic[M]):
         Raises:
             ValueError: if a compiled module wrote something that the message class refuses, such as NaN.
         """
-        seq = self._head[1]
+        seq = self.head[1]
         if seq == 0:
             return None
         if seq != self._last_seq:
@@ -116,12 +116,12 @@ class OutPort(Generic[M]):
     @property
     def t_ns(self) -> int:
         """Time of the newest message in ns; meaningless while `seq` is 0."""
-        return self._head[0]
+        return self.head[0]
 
     @property
     def seq(self) -> int:
         """How many messages have been written."""
-        return self._head[1]
+        return self.head[1]
 
     def held(self) -> M | None:
         """The Python object behind an object message, for snapshots."""
@@ -192,9 +192,9 @@ class InPort(Generic[M]):
     def take(self) -> M | None:
         """The newest message if it was not taken before, else None."""
         source = self.source
-        if source is None or source.seq == self.taken:
+        if source is None or (seq := source.head[1]) == self.taken:
             return None
-        self.taken = source.seq
+        self.taken = seq
         return source.latest()
 
     def connect(self, reader: Never) -> NoReturn:
@@ -243,7 +243,17 @@ def _complain(kind: str, port: InPort[Any] | OutPort[Any], text: str) -> None:
     _collected.append((kind, port, error))
 
 
-class In(Generic[M]):
+class _Declaration(Generic[M]):
+    """A port on a module class; its name is that of the class attribute."""
+
+    def __init__(self, kind: type[M]) -> None:
+        self.kind, self.name = kind, ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+
+class In(_Declaration[M]):
     """Declares an input on a module class.
 
     Args:
@@ -261,11 +271,8 @@ class In(Generic[M]):
         max_age: int | None = None,
         on_stale: Literal["error", "warn"] = "error",
     ) -> None:
-        self.kind, self.optional, self.max_age, self.on_stale = kind, optional, max_age, on_stale
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+        super().__init__(kind)
+        self.optional, self.max_age, self.on_stale = optional, max_age, on_stale
 
     @overload
     def __get__(self, instance: None, owner: type) -> In[M]: ...
@@ -275,15 +282,8 @@ class In(Generic[M]):
         return self if instance is None else instance.__dict__[self.name]
 
 
-class Out(Generic[M]):
+class Out(_Declaration[M]):
     """Declares an output on a module class; ``kind`` is the message class."""
-
-    def __init__(self, kind: type[M]) -> None:
-        self.kind = kind
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
 
     @overload
     def __get__(self, instance: None, owner: type) -> Out[M]: ...

@@ -41,12 +41,8 @@ class Recording(Generic[M]):
     def _resume(self) -> None:
         """Bookkeeping for what comes after the rows there are."""
         last, entry = self.last_row, self.entry
-        entry[[loop.R_SIZE, loop.R_SEQ, loop.R_EVERY, loop.R_CHANGE]] = (
-            self.size,
-            self.port.seq,
-            self.every,
-            self.on_change,
-        )
+        entry[[loop.R_SIZE, loop.R_SEQ]] = self.size, self.port.seq
+        entry[[loop.R_EVERY, loop.R_CHANGE]] = self.every, self.on_change
         entry[loop.R_DUE] = 0 if last is None else self._next_due(int(last["t_ns"][0]))
         entry[loop.R_FIRST] = last is None
 

@@ -165,9 +165,8 @@ class Simulation:
         if not isinstance(t_ns, int) or isinstance(t_ns, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise TypeError(f"time is an int in ns, got {t_ns!r}; write s(10) for ten seconds")
         if t_ns < self.t_ns:
-            raise ValueError(
-                f"cannot run until {text(t_ns)}: the time is {text(self.t_ns)}; use restore or reset to go back"
-            )
+            now = text(self.t_ns)
+            raise ValueError(f"cannot run until {text(t_ns)}: the time is {now}; use restore or reset to go back")
         tables = self._prepare()
         stopped = self._advance(tables, t_ns, 2**62, stop)
         self.t_ns = tables.now[loop.INSTANT] if stopped else t_ns
@@ -337,11 +336,8 @@ class Simulation:
         self.t_ns = snapshot.t_ns
         for module, saved in zip(self.modules, snapshot.modules, strict=True):
             module.load(saved)
-        started = snapshot.cursor[loop.TASK] >= 0 or not np.array_equal(
-            snapshot.next_ns[:, 0], [t.phase for t in self.tasks]
-        )
         for recording in [r for m in self.modules for p in m.outputs for r in p.recordings]:
-            recording.truncate(snapshot.t_ns if started else -1)
+            recording.truncate(min(snapshot.t_ns, int(snapshot.cursor[loop.INSTANT])))
 
     def reset(self) -> None:
         """Go back to time zero: parameters, states, messages, random streams and recordings as before the first run."""
@@ -350,17 +346,12 @@ class Simulation:
 
     def timing(self) -> list[Timing]:
         """Wall time of each task and module since the start, as far as `timed` was set."""
-        slots = self._prepare().slots
+        counted: list[list[int]] = self._prepare().slots[:, [loop.CALLS, loop.WALL]].tolist()
         found: list[Timing] = []
-        slot = 0
         for task in self.tasks:
-            rows = slots[slot : slot + len(task.modules)]
-            slot += len(task.modules)
-            calls, wall = rows[:, loop.CALLS], rows[:, loop.WALL]
-            found.append(Timing(task.name, "", int(calls.max(initial=0)), int(wall.sum())))
-            found += [
-                Timing(task.name, m.name, int(c), int(w)) for m, c, w in zip(task.modules, calls, wall, strict=True)
-            ]
+            rows = [Timing(task.name, m.name, *counted.pop(0)) for m in task.modules]
+            calls, wall = max((r.calls for r in rows), default=0), sum(r.wall_ns for r in rows)
+            found += [Timing(task.name, "", calls, wall), *rows]
         return found
 
 

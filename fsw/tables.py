@@ -40,12 +40,10 @@ class Tables:
         ends = np.cumsum([0] + [len(t.modules) for t in tasks])
         periods = [Fraction(t.period) for t in tasks]
         parts = [(0, p.numerator % p.denominator, p.denominator) for p in periods]
-        rows = [
-            [t.phase, p // 1, *ends[i : i + 2], *parts[i]] for i, (t, p) in enumerate(zip(tasks, periods, strict=True))
-        ]
+        rows = [(t.phase, periods[i] // 1, ends[i], ends[i + 1], *parts[i]) for i, t in enumerate(tasks)]
         self.tasks: I64 = np.array(rows, np.int64)
         self.slots: I64 = np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
-        self.cursor: I64 = np.array([0, -1, -1, loop.BEFORE, 0, 0], np.int64)
+        self.cursor: I64 = np.array([-1, -1, -1, loop.BEFORE, 0, 0], np.int64)
         if old is not None:
             self.cursor = old.cursor
             self.times[:] = old.times

@@ -1,11 +1,16 @@
-"""Pictures of a graph: a lane for each task with its modules in order; feedback is dashed."""
+"""Reports and pictures of a graph: a lane for each task with its modules in order; feedback is dashed."""
 
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from html import escape
-from itertools import count
-from typing import TYPE_CHECKING
+from itertools import count, groupby
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from fsw.time import text
 
 if TYPE_CHECKING:
     from fsw.graph import Graph
@@ -19,6 +24,33 @@ _STYLE = (
 )
 
 
+def lanes(graph: Graph) -> list[tuple[str, list[tuple[int, str]]]]:
+    """Title of each task, and place and title of its modules."""
+    named = [(place, f"{m.name} ({type(m).__name__})") for place, m in enumerate(graph.modules)]
+    tasks = groupby(named, key=lambda module: graph.tasks[module[0]])
+    return [(f"{t.name}, every {_time(t.period)} from {_time(t.phase)}", list(modules)) for t, modules in tasks]
+
+
+def _time(t_ns: Any) -> str:
+    return text(t_ns) if type(t_ns) in (int, Fraction) else repr(t_ns)
+
+
+def text_report(graph: Graph) -> str:
+    """Tasks, connections and faults, a line for each."""
+    lines = [f"{lane}: {', '.join(name for _, name in modules)}" for lane, modules in lanes(graph)]
+    lines += [f"{e.source} -> {e.reader}: {e.label}{', delayed' if e.delayed else ''}" for e in graph.edges]
+    return "\n".join([*lines, f"faults: {len(graph.faults())}", *map(str, graph.faults())])
+
+
+def json_report(graph: Graph) -> str:
+    """The same for programs."""
+    tasks = [(t, [m.name for m in graph.modules if m in t.modules]) for t in dict.fromkeys(graph.tasks)]
+    keys = "name", "period_ns", "phase_ns", "modules"
+    shown = [dict(zip(keys, (t.name, t.period, t.phase, names), strict=True)) for t, names in tasks]
+    found = {"tasks": shown, "edges": graph.edges, "faults": graph.faults()}
+    return msgspec.json.format(msgspec.json.encode(found, enc_hook=str), indent=2).decode()
+
+
 def mermaid(graph: Graph) -> str:
     """A Mermaid flow chart, for Markdown pages."""
 
@@ -26,7 +58,7 @@ def mermaid(graph: Graph) -> str:
         return '"' + "".join(c if c.isalnum() or c in " .,:_()" else f"#{ord(c)};" for c in words) + '"'
 
     lines = ["flowchart TB"]
-    for number, (title, modules) in enumerate(graph.lanes()):
+    for number, (title, modules) in enumerate(lanes(graph)):
         boxes = [f"    m{place}[{quoted(name)}]" for place, name in modules]
         lines += [f"  subgraph t{number}[{quoted(title)}]", *boxes, "  end"]
     for e in graph.edges:
@@ -41,7 +73,7 @@ def dot(graph: Graph) -> str:
         return "label=" + json.dumps(words, ensure_ascii=False)
 
     lines = ["digraph {", "  node [shape=box]"]
-    for number, (title, modules) in enumerate(graph.lanes()):
+    for number, (title, modules) in enumerate(lanes(graph)):
         boxes = [f"    m{place} [{label(name)}]" for place, name in modules]
         lines += [f"  subgraph cluster_{number} {{", f"    {label(title)}", *boxes, "  }"]
     for e in graph.edges:
@@ -59,7 +91,7 @@ def svg(graph: Graph) -> str:
         ports[e.places[1]][e.backward][e.reader] = e.label
         wires.setdefault((e.backward, e.source), []).append(e.reader)
     inside = [sum(max(map(len, side), default=0) for side in both) for both in ports]  # with module names: a margin
-    titles = [len(title) for lane, modules in graph.lanes() for title in (lane, *(name for _, name in modules))]
+    titles = [len(title) for lane, modules in lanes(graph) for title in (lane, *(name for _, name in modules))]
     box = _CHAR * max(titles + inside, default=0) + 16
     room = [_CHAR * max((len(t) for both in ports for t in both[side].values()), default=0) + 24 for side in (0, 1)]
 
@@ -71,7 +103,7 @@ def svg(graph: Graph) -> str:
     def put(x: float, y: float, words: str, style: str) -> None:
         drawn.extend([f'<text x="{x:g}" y="{y:g}" class="{style}">{escape(words)}</text>'] if words else [])
 
-    for lane, modules in graph.lanes():
+    for lane, modules in lanes(graph):
         put(0, y + 16, lane, "title")
         top, y = y, y + 24
         for place, name in modules:
