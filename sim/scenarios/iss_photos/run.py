@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from fsw import ModuleError
@@ -127,5 +128,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told = cause if isinstance(error, ModuleError) and isinstance(cause, BAD) else error
         if options.debug:
             traceback.print_exc(file=sys.stderr)
-        errors.print(f"[red]error:[/red] {told}", soft_wrap=True, markup=True, highlight=False)
+        errors.print(f"[red]error:[/red] {escape(str(told))}", soft_wrap=True, markup=True, highlight=False)
         return BAD_INPUT
