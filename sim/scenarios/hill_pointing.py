@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from fsw import Recording, Simulation, Task, minutes, ms, s
+from fsw.files import atomic
 from fsw.math.compiled import plain
 from fsw.math.gravity import MU_EARTH
 from fsw.math.kepler import elements_to_rv
-from fsw.files import atomic
 from messages.attitude import AttGuidMsg
 from messages.base import F64
 from modules.control.mrp_feedback import MrpFeedback

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from sim.scenarios.iss_photos.results import Fix, Results, Summary
@@ -103,7 +104,8 @@ def show(console: Console, results: Results) -> None:
     console.print(fixes_table(results))
     for fix in results.fixes:
         if not fix.valid:
-            console.print(f"[yellow]not used:[/yellow] {fix.path.name}: {fix.reason}", soft_wrap=True, highlight=False)
+            told = escape(f"{fix.path.name}: {fix.reason}")
+            console.print(f"[yellow]not used:[/yellow] {told}", soft_wrap=True, highlight=False)
     if results.summary is not None:
         console.print(summary_table(results.summary))
         console.print(_summary_line(results.summary), soft_wrap=True)
