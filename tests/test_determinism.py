@@ -17,8 +17,8 @@ from sim.sensors.star_tracker import StarTracker
 
 END = minutes(5)
 ULPS_OF_COMPILATION = 8
-"""Of the largest component of each vector. Compiled code contracts no operation and reorders no sum, and on Linux it calls
-the same mathematical library as Python (there the difference is zero); another library may differ in the last bits."""
+"""Of the length of each vector. Compiled code contracts no operation and reorders no sum, and on Linux it calls the same
+mathematical library as Python (there the difference is zero); another library may differ in the last bits."""
 
 
 def digest(case: HillPointing) -> str:
