@@ -17,7 +17,7 @@ from sim.sensors.star_tracker import StarTracker
 
 END = minutes(5)
 ULPS_OF_COMPILATION = 8
-"""Of the length of each vector. Compiled code contracts no operation and reorders no sum, and on Linux it calls the same
+"""Of each vector's length. Compiled code contracts no operation and reorders no sum, and on Linux it calls the same
 mathematical library as Python (there the difference is zero); another library may differ in the last bits."""
 
 
