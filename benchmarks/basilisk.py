@@ -1,5 +1,8 @@
 """Basilisk's side of each comparison."""
 
+# pyright: basic, reportMissingImports=false
+# Basilisk has no types, and is installed by ``make bench`` only
+
 from __future__ import annotations
 
 import math
