@@ -1,8 +1,10 @@
 """Two-body orbits: Kepler's equation, anomalies, classical elements to position and velocity and back.
 
 Elements are (a, e, i, Omega, omega, f): semi-major axis (m, negative for a hyperbola), eccentricity, inclination,
-right ascension of the ascending node, argument of periapsis, true anomaly (rad). Source: Vallado, "Fundamentals of
-Astrodynamics and Applications", 4th ed., ch. 2. Parabolas (e = 1) have no semi-major axis: the result is NaN.
+right ascension of the ascending node, argument of periapsis, true anomaly (rad). A parabola (e exactly 1) has no
+semi-major axis: its a is minus the radius of periapsis, as in Basilisk; next to it, 1 - e < 1e-10, a and e together
+lose digits. Straight lines through the centre are refused (NaN). Source: Vallado, "Fundamentals of Astrodynamics and
+Applications", 4th ed., ch. 2.
 """
 
 from __future__ import annotations
@@ -21,11 +23,25 @@ Elements: TypeAlias = tuple[float, float, float, float, float, float]
 SMALL = 1e-11
 """Below it an eccentricity or the sine of an inclination counts as 0: omega or Omega is then 0."""
 
+PARALLEL = 1e-12
+"""Below this sine of their angle position and velocity have no plane."""
+
+PARABOLIC = 1e-14
+"""An orbit whose energy is below this part of mu / r is a parabola."""
+
 
 @compiled
 def full_turns(angle: float) -> float:
     """The multiple of 2 pi nearest to an angle, rad; what is left of the angle lies in [-pi, pi]."""
     return 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
+
+
+@compiled
+def positive_angle(angle: float) -> float:
+    """The same angle in [0, 2 pi), rad."""
+    full = 2.0 * math.pi
+    rest = angle % full
+    return rest if rest < full else 0.0  # the rest of a tiny negative angle rounds to a whole turn
 
 
 @compiled
@@ -80,7 +96,10 @@ def hyperbolic_anomaly(mean: float, e: float) -> float:
 
 @compiled
 def true_to_mean(f: float, e: float) -> float:
-    """Mean anomaly (rad) of a true anomaly, for an ellipse or a hyperbola; NaN where the hyperbola does not go."""
+    """Mean anomaly (rad) of a true anomaly; NaN where a hyperbola does not go.
+
+    That of a parabola is the time since periapsis times sqrt(mu / (2 rp^3)) (Barker's equation).
+    """
     if 0.0 <= e < 1.0:
         turns = full_turns(f)
         b = math.sqrt(1.0 - e * e)
@@ -89,12 +108,15 @@ def true_to_mean(f: float, e: float) -> float:
     if e > 1.0 and 1.0 + e * math.cos(f) > 0.0:
         sinh = math.sqrt(e * e - 1.0) * math.sin(f) / (1.0 + e * math.cos(f))
         return e * sinh - math.asinh(sinh)
+    if e == 1.0 and math.cos(f) > -1.0:
+        x = math.tan(0.5 * f)
+        return x + x * x * x / 3.0
     return math.nan
 
 
 @compiled
 def mean_to_true(mean: float, e: float) -> float:
-    """True anomaly (rad) of a mean anomaly, for an ellipse or a hyperbola."""
+    """True anomaly (rad) of a mean anomaly: the inverse of `true_to_mean`."""
     if 0.0 <= e < 1.0:
         turns = full_turns(mean)
         x = eccentric_anomaly(mean - turns, e)
@@ -102,7 +124,18 @@ def mean_to_true(mean: float, e: float) -> float:
     if e > 1.0:
         x = hyperbolic_anomaly(mean, e)
         return math.atan2(math.sqrt(e * e - 1.0) * math.sinh(x), e - math.cosh(x))
+    if e == 1.0:
+        return 2.0 * math.atan(2.0 * math.sinh(math.asinh(1.5 * mean) / 3.0))
     return math.nan
+
+
+@compiled
+def mean_motion(a: float, e: float, mu: float) -> float:
+    """Rate of the mean anomaly, rad/s; NaN if a and e are of no orbit."""
+    if e == 1.0:
+        return math.sqrt(-0.5 * mu / (a * a * a)) if a < 0.0 else math.nan
+    q = mu / (a * a * a)
+    return math.sqrt(q if e < 1.0 else -q)
 
 
 @compiled
@@ -112,7 +145,7 @@ def elements_to_rv(elements: Elements, mu: float) -> tuple[V3, V3]:
     NaN if the elements are of no orbit: a (1 - e^2) not positive, or f beyond the asymptotes of a hyperbola.
     """
     a, e, i, node, peri, f = elements
-    p = a * (1.0 - e * e)
+    p = -2.0 * a if e == 1.0 else a * (1.0 - e * e)
     q = 1.0 + e * math.cos(f)
     if not (p > 0.0 and q > 0.0 and e >= 0.0):
         nan = (math.nan, math.nan, math.nan)
@@ -132,17 +165,20 @@ def elements_to_rv(elements: Elements, mu: float) -> tuple[V3, V3]:
 def rv_to_elements(r: V3, v: V3, mu: float) -> Elements:
     """Elements of a position (m) and velocity (m/s); angles in [0, 2 pi), f of a hyperbola in (-pi, pi).
 
-    A circular orbit has omega = 0 and f counted from the node; an equatorial one Omega = 0 and omega counted from x.
-    NaN if r and v are parallel (no plane).
+    A circular orbit has omega = 0 and f counted from the node; an equatorial one Omega = 0 and omega counted from x,
+    in the sense of the motion also if it is retrograde. NaN if r and v are parallel (no plane).
     """
     h = cross(r, v)
     h1, r1 = norm(h), norm(r)
-    if not h1 > 0.0:
+    if not h1 > PARALLEL * r1 * norm(v):
         return (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
     c = cross(v, h)
     ecc = (c[0] / mu - r[0] / r1, c[1] / mu - r[1] / r1, c[2] / mu - r[2] / r1)
     e = norm(ecc)
-    a = 1.0 / (2.0 / r1 - dot(v, v) / mu)
+    energy = 2.0 - r1 * dot(v, v) / mu
+    parabola = abs(energy) < PARABOLIC
+    a = -0.5 * h1 * h1 / mu if parabola else r1 / energy
+    e = 1.0 if parabola else e
     hxy = math.hypot(h[0], h[1])
     inclination = math.atan2(hxy, h[2])
     # n and m span the orbit's plane: n towards the ascending node, m ahead of it by 90 degrees
@@ -154,5 +190,4 @@ def rv_to_elements(r: V3, v: V3, mu: float) -> Elements:
     peri = math.atan2(dot(ecc, m), dot(ecc, n)) if e > SMALL else 0.0
     # angle from periapsis to r without the difference of two angles, which would lose digits near periapsis
     f = math.atan2(h1 * dot(r, v) / mu, h1 * h1 / mu - r1) if e > SMALL else u
-    full = 2.0 * math.pi
-    return (a, e, inclination, node % full, peri % full, f % full if e < 1.0 else f)
+    return (a, e, inclination, positive_angle(node), positive_angle(peri), positive_angle(f) if e < 1.0 else f)

@@ -1,0 +1,174 @@
+"""Spherical harmonics of gravity to degree 50: acceleration and potential without a singularity, and ICGEM files.
+
+Coefficients are fully normalised, C[n, m] and S[n, m] (51, 51); the frame is fixed to the body (E).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from fsw.math.compiled import compiled
+from fsw.math.vectors import V3
+from messages.base import F64
+
+MAX_DEGREE = 50
+"""Highest degree and order of a field."""
+SIZE = MAX_DEGREE + 1
+Sums: TypeAlias = tuple[float, float, float, float]
+
+
+def _recursion() -> tuple[F64, F64, F64]:
+    """Factors of the normalised recursion in degree: ``A[n, m] = a u A[n-1, m] - b A[n-2, m]``, and A[m, m]."""
+    a, b, sectoral = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE)), np.ones(SIZE)
+    for m in range(SIZE):
+        if m > 0:
+            sectoral[m] = sectoral[m - 1] * math.sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1))
+        for n in range(m + 1, SIZE):
+            a[n, m] = math.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
+            if n > m + 1:
+                top = (2 * n + 1) * (n + m - 1) * (n - m - 1)
+                b[n, m] = math.sqrt(top / ((n - m) * (n + m) * (2 * n - 3)))
+    return a, b, sectoral
+
+
+# stored by order, so that a column of the recursion lies together in memory
+_A, _B, _SECTORAL = _recursion()
+_A, _B = np.ascontiguousarray(_A.T), np.ascontiguousarray(_B.T)
+
+
+@compiled
+def harmonic_acceleration(r: V3, mu: float, radius: float, degree: int, c: F64, s: F64) -> V3:
+    """Acceleration, m/s^2, at ``r`` (m), E components, of a field of ``degree`` (order alike), point mass included.
+
+    Pines (1973), "Uniform Representation of the Gravitational Potential and its Derivatives", AIAA J. 11(11), with
+    the derivative of each Legendre function from the derivative of its recursion; regular at the poles.
+
+    Args:
+        r: position, E components [m].
+        mu: gravitational parameter [m^3/s^2].
+        radius: reference radius of the coefficients [m].
+        degree: highest degree used, 0 to 50.
+        c: normalised cosine coefficients (51, 51), ``c[0, 0]`` counts as 1.
+        s: normalised sine coefficients (51, 51).
+    """
+    r1 = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    x, y, u, q = r[0] / r1, r[1] / r1, r[2] / r1, radius / r1
+    qu, q2 = q * u, q * q
+    a1, a2, a3, a4 = 0.0, 0.0, 0.0, 1.0
+    re, im, re_before, im_before = 1.0, 0.0, 0.0, 0.0  # (x + i y)^m and ^(m - 1)
+    power = 1.0
+    for m in range(degree + 1):
+        p, before, slope, slope_before = _SECTORAL[m] * power, 0.0, 0.0, 0.0
+        # sums over the degrees of one order, for cosines and sines: of A, of (n + 1) A, of dA/du
+        pc, ps = (0.0, 0.0) if m == 0 else (p * c[m, m], p * s[m, m])
+        tc, ts, dc, ds = (m + 1) * pc, (m + 1) * ps, 0.0, 0.0
+        for n in range(m + 1, degree + 1):
+            a, b = _A[m, n], _B[m, n] * q2
+            new = a * qu * p - b * before
+            slope, slope_before = a * (q * p + qu * slope) - b * slope_before, slope
+            p, before = new, p
+            xc, xs = p * c[n, m], p * s[n, m]
+            pc += xc
+            ps += xs
+            tc += (n + 1) * xc
+            ts += (n + 1) * xs
+            dc += slope * c[n, m]
+            ds += slope * s[n, m]
+        a1 += m * (pc * re_before + ps * im_before)
+        a2 += m * (ps * re_before - pc * im_before)
+        a3 += dc * re + ds * im
+        a4 += tc * re + ts * im
+        re_before, im_before = re, im
+        re, im = x * re - y * im, x * im + y * re
+        power *= q
+    k = mu / (r1 * r1)
+    radial = a4 + x * a1 + y * a2 + u * a3
+    return (k * (a1 - radial * x), k * (a2 - radial * y), k * (a3 - radial * u))
+
+
+@compiled
+def harmonic_potential(r: V3, mu: float, radius: float, degree: int, c: F64, s: F64) -> float:
+    """Potential energy of a unit mass, J/kg; its negative gradient is `harmonic_acceleration`. Same arguments."""
+    r1 = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    x, y, u, q = r[0] / r1, r[1] / r1, r[2] / r1, radius / r1
+    qu, q2 = q * u, q * q
+    total, re, im, power = 1.0, 1.0, 0.0, 1.0
+    for m in range(degree + 1):
+        p, before = _SECTORAL[m] * power, 0.0
+        pc, ps = (0.0, 0.0) if m == 0 else (p * c[m, m], p * s[m, m])
+        for n in range(m + 1, degree + 1):
+            p, before = _A[m, n] * qu * p - _B[m, n] * q2 * before, p
+            pc += p * c[n, m]
+            ps += p * s[n, m]
+        total += pc * re + ps * im
+        re, im = x * re - y * im, x * im + y * re
+        power *= q
+    return -mu / r1 * total
+
+
+@dataclass(frozen=True)
+class GravityField:
+    """A field as read from a file.
+
+    Attributes:
+        name: of the model. mu: gravitational parameter, m^3/s^2. radius: reference radius, m.
+        degree: highest degree read. C: normalised cosine coefficients (51, 51). S: sine coefficients.
+        tide_system: as the file says, "tide_free" for example.
+    """
+
+    name: str
+    mu: float
+    radius: float
+    degree: int
+    C: F64
+    S: F64
+    tide_system: str
+
+
+def _number(text: str) -> float:
+    return float(text.lower().replace("d", "e"))
+
+
+def read_icgem(path: Path, degree: int = MAX_DEGREE) -> GravityField:
+    """Read a static gravity field in the format of ICGEM (``.gfc``; Barthelmes and Foerste, 2011).
+
+    Args:
+        path: the file. degree: highest degree wanted, 2 to 50; fewer if the file has fewer.
+
+    Raises:
+        ValueError: if the file is not of the format, not fully normalised, varies with time, or lacks a coefficient.
+    """
+    if not 2 <= degree <= MAX_DEGREE:
+        raise ValueError(f"degree: expected 2 to {MAX_DEGREE}, got {degree}")
+    head, _, body = path.read_text(encoding="latin-1").partition("end_of_head")
+    if not body:
+        raise ValueError(f"{path.name}: not a gravity field in ICGEM format: there is no line end_of_head")
+    known = {w[0]: w[1] for line in head.splitlines() if len(w := line.split()) >= 2}
+    try:
+        if known.get("norm", "fully_normalized") != "fully_normalized":
+            raise ValueError(f"expected norm fully_normalized, got {known['norm']}")
+        mu, radius = _number(known["earth_gravity_constant"]), _number(known["radius"])
+        n_max = min(degree, int(known["max_degree"]))
+        c, s = np.full((SIZE, SIZE), np.nan), np.full((SIZE, SIZE), np.nan)
+        for words in (line.split() for line in body.splitlines()[1:] if line.strip()):
+            if words[0] != "gfc":
+                raise ValueError(f"expected lines gfc of a static field, got {words[0]}; choose a static model")
+            n, m = int(words[1]), int(words[2])
+            if n <= n_max and m <= n:
+                c[n, m], s[n, m] = _number(words[3]), _number(words[4])
+    except (KeyError, IndexError, ValueError) as error:
+        raise ValueError(f"{path.name}: not a gravity field in ICGEM format: {error}") from error
+    c[0, 0], s[0, 0] = 1.0, 0.0
+    c[1], s[1] = np.nan_to_num(c[1]), np.nan_to_num(s[1])  # degree 1 is left out when the origin is the centre of mass
+    wanted = np.tril(np.ones((SIZE, SIZE), bool)) & (np.arange(SIZE)[:, None] <= n_max)
+    if np.any(missing := wanted & ~np.isfinite(c + s)):
+        n, m = np.argwhere(missing)[0].tolist()
+        raise ValueError(f"{path.name}: expected all coefficients to degree {n_max}, there is none of n={n}, m={m}")
+    c[~wanted], s[~wanted] = 0.0, 0.0
+    name, tide = known.get("modelname", path.stem), known.get("tide_system", "unknown")
+    return GravityField(name, mu, radius, n_max, c, s, tide)
