@@ -12,7 +12,7 @@ class EphemerisMsg(Message):
 
     body_id: Annotated[int, "-", "NAIF identifier: 10 Sun, 301 Moon, 399 Earth, 499 Mars"]
     mu: Annotated[float, "m^3/s^2", "gravitational parameter", Bound(gt=0)]
-    radius: Annotated[float, "m", "mean radius", Bound(gt=0)]
+    radius: Annotated[float, "m", "radius of the sphere, or of the equator", Bound(gt=0)]
     r_PN_N: Annotated[Vec3, "m", "position of the body P relative to the central body, N components"]
     v_PN_N: Annotated[Vec3, "m/s", "velocity of the body P relative to the central body, N components"]
 

@@ -1,0 +1,1 @@
+"""The truth side around the spacecraft: bodies, light, magnetic field, air."""

@@ -1,0 +1,5 @@
+"""Exponential atmosphere."""
+
+from sim.environment.atmosphere.module import Atmosphere
+
+__all__ = ["Atmosphere"]

@@ -1,0 +1,5 @@
+"""Centred dipole."""
+
+from sim.environment.dipole_field.module import DipoleField
+
+__all__ = ["DipoleField"]

@@ -1,0 +1,5 @@
+"""Light and shadow."""
+
+from sim.environment.eclipse.module import Eclipse
+
+__all__ = ["Eclipse"]

@@ -1,0 +1,5 @@
+"""Sun, Moon and planets."""
+
+from sim.environment.ephemeris.module import Ephemeris
+
+__all__ = ["Ephemeris"]
