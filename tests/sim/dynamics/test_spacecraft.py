@@ -40,7 +40,7 @@ class Push(Module):
         self.out_force.write(CmdForceBodyMsg(force_B=FORCE), t_ns)
 
 
-def spacecraft(omega: F64 = OMEGA0, inertia: F64 = INERTIA, **params: float) -> Spacecraft:
+def spacecraft(omega: F64 = OMEGA0, inertia: F64 = INERTIA, **params: Any) -> Spacecraft:
     start = Spacecraft.State(r_BN_N=R0, v_BN_N=V0, sigma_BN=SIGMA0, omega_BN_B=omega)
     return Spacecraft("craft", Spacecraft.Params(inertia_B=inertia, mass=MASS, **params), start)
 
