@@ -5,37 +5,42 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from fsw import Bound, In, KernelModule, Mat3, Out, Record, Row, Stream, Vec3, eye, publish, unseeded, zeros
+from fsw import Bound, In, KernelModule, Mat3, Out, Row, Vec3, eye, publish, zeros
 from fsw.math.attitude import ep_relative, ep_to_rotvec, mrp_to_ep
 from fsw.math.checks import require_rotation
-from fsw.math.random import normal
+from fsw.math.noise import mean_of_walk
 from fsw.math.vectors import mat3, matvec, scale, store3, vec3
 from messages.sensors import IMUSensorMsg
 from messages.states import SCStatesMsg
+from sim.sensors.faults import FRESH, NOTHING, FaultParams, FaultState, delivery
+from sim.sensors.readout import quantised, saturated
 
 
 class Gyro(KernelModule):
     """A three-axis gyro that measures the mean rate between its samples. See SPEC.md."""
 
-    class Params(Record):
+    class Params(FaultParams):
         """Parameters."""
 
         dcm_PB: Annotated[Mat3, "-", "mounting: maps body to case components"] = eye(3)
+        misalignment: Annotated[Mat3, "-", "scale factor errors (diagonal) and misalignment of the axes"] = zeros(3, 3)
         arw: Annotated[float, "rad/s^0.5", "angle random walk", Bound(ge=0)] = 2.9e-05
         rrw: Annotated[float, "rad/s^1.5", "rate random walk", Bound(ge=0)] = 2e-08
+        resolution: Annotated[float, "rad", "angle of one count of the integrated rate; 0 for none", Bound(ge=0)] = 0.0
+        max_rate: Annotated[float, "rad/s", "saturation of each axis; 0 for none", Bound(ge=0)] = 0.0
 
         def __post_init__(self) -> None:
             """Check the mounting too."""
             super().__post_init__()
             require_rotation(self, "dcm_PB")
 
-    class State(Record):
-        """Bias and the last true attitude."""
+    class State(FaultState):
+        """Bias, the last true attitude, and the angle not yet counted."""
 
         bias_P: Annotated[Vec3, "rad/s", "bias, P components"] = zeros(3)
         sigma_BN: Annotated[Vec3, "-", "true attitude at the last sample, MRP"] = zeros(3)
         sample_ns: Annotated[int, "ns", "time of the last sample, -1 before the first"] = -1
-        noise: Stream = unseeded
+        rest_P: Annotated[Vec3, "rad", "angle left over by the count of the last sample"] = zeros(3)
 
     in_state = In(SCStatesMsg)
     out_imu = Out(IMUSensorMsg)
@@ -56,12 +61,14 @@ class Gyro(KernelModule):
         dt = (in_state.t_ns - last_ns) / 1e9
         turn = ep_to_rotvec(ep_relative(mrp_to_ep(sigma), mrp_to_ep(last)))
         rate = matvec(mat3(params.dcm_PB), scale(1.0 / dt, turn))
-        # Farrenkopf's exact discretisation (Eq. 2 and 3 of the spec)
-        white = math.sqrt(params.arw * params.arw / dt + params.rrw * params.rrw * dt / 12.0)
-        walk = params.rrw * math.sqrt(dt)
+        wrong = matvec(mat3(params.misalignment), rate)
+        what, gain = delivery(t_ns, params, state, out_imu.seq)
         for i in range(3):
-            old = state.bias_P[i]
-            new = old + walk * normal(state.noise)
-            state.bias_P[i] = new
-            out_imu.omega_PN_P[i] = rate[i] + 0.5 * (old + new) + white * normal(state.noise)
-        publish(out_imu, t_ns)
+            state.bias_P[i], error = mean_of_walk(state.noise, state.bias_P[i], gain * params.arw, params.rrw, dt)
+            angle = dt * saturated(rate[i] + wrong[i] + error, params.max_rate) + state.rest_P[i]
+            counted = quantised(angle, params.resolution)
+            state.rest_P[i] = angle - counted
+            if what == FRESH:
+                out_imu.omega_PN_P[i] = counted / dt
+        if what != NOTHING:
+            publish(out_imu, t_ns)

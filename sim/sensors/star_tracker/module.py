@@ -5,56 +5,66 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from fsw import Bound, In, KernelModule, Mat3, Out, Record, Row, Stream, eye, publish, unseeded
-from fsw.math.attitude import dcm_to_ep, ep_compose, mrp_to_ep, rotvec_to_ep
-from fsw.math.checks import require_rotation
+from fsw import Bound, In, KernelModule, Out, Row, publish
+from fsw.math.attitude import ep_compose, ep_normalize, ep_to_dcm, rotvec_to_ep
 from fsw.math.random import normal
-from fsw.math.vectors import mat3, norm, store4, vec3
+from fsw.math.vectors import add, matvec, store4
+from messages.environment import EphemerisMsg
 from messages.sensors import STAttMsg
 from messages.states import SCStatesMsg
+from sim.sensors.faults import FRESH, NOTHING, FaultState, delivery
+from sim.sensors.readout import quantised
+from sim.sensors.starlight import StarParams, true_attitude, usable, velocity_over_c
 
 
 class StarTracker(KernelModule):
     """A star tracker whose case S has its boresight along z. See SPEC.md."""
 
-    class Params(Record):
+    class Params(StarParams):
         """Parameters."""
 
-        dcm_SB: Annotated[Mat3, "-", "mounting: maps body to case components"] = eye(3)
         sigma_cross: Annotated[float, "rad", "standard deviation about the x and y axes of the case", Bound(ge=0)] = (
             4.8e-05
         )
         sigma_roll: Annotated[float, "rad", "standard deviation about the boresight", Bound(ge=0)] = 0.00029
-        max_rate: Annotated[float, "rad/s", "fastest body rate at which stars are still found", Bound(gt=0)] = 0.05
+        resolution: Annotated[float, "-", "step of the Euler parameters; 0 for none", Bound(ge=0, le=0.01)] = 0.0
 
-        def __post_init__(self) -> None:
-            """Check the mounting too."""
-            super().__post_init__()
-            require_rotation(self, "dcm_SB")
-
-    class State(Record):
-        """The random stream."""
-
-        noise: Stream = unseeded
+    class State(FaultState):
+        """Random streams."""
 
     in_state = In(SCStatesMsg)
+    in_sun = In(EphemerisMsg, optional=True)
+    in_moon = In(EphemerisMsg, optional=True)
     out_attitude = Out(STAttMsg)
 
     @staticmethod
-    def kernel(t_ns: int, params: Row, state: Row, in_state: Row, out_attitude: Row) -> None:
+    def kernel(t_ns: int, params: Row, state: Row, in_state: Row, in_sun: Row, in_moon: Row, out_attitude: Row) -> None:
         """Measure the newest true attitude."""
         if in_state.seq == 0:
             return
-        out_attitude.exposure_ns = in_state.t_ns
-        sigma_BN = vec3(in_state.sigma_BN)
-        slow = norm(vec3(in_state.omega_BN_B)) <= params.max_rate
-        out_attitude.valid = slow and math.isfinite(sigma_BN[0] + sigma_BN[1] + sigma_BN[2])
         # drawn at each step, so that a lost measurement does not shift the noise of the later ones
+        what, gain = delivery(t_ns, params, state, out_attitude.seq)
         x, y = params.sigma_cross * normal(state.noise), params.sigma_cross * normal(state.noise)
-        error = (x, y, params.sigma_roll * normal(state.noise))
-        beta_SN = (math.nan, math.nan, math.nan, math.nan)
-        if out_attitude.valid:
-            beta_SN = ep_compose(dcm_to_ep(mat3(params.dcm_SB)), mrp_to_ep(sigma_BN))
+        error = (gain * x, gain * y, gain * params.sigma_roll * normal(state.noise))
+        if what == NOTHING:
+            return
+        out_attitude.exposure_ns = in_state.t_ns
+        if what == FRESH:
+            beta_SN = true_attitude(params, in_state)
+            dcm_SN = ep_to_dcm(beta_SN)
+            valid = math.isfinite(beta_SN[0]) and usable(dcm_SN[2], params, in_state, in_sun, in_moon)
+            if params.aberration:
+                towards = matvec(dcm_SN, velocity_over_c(in_state, in_sun))
+                error = add(error, (towards[1], -towards[0], 0.0))
+                valid = valid and math.isfinite(error[0] + error[1])
             beta_SN = ep_compose(rotvec_to_ep(error), beta_SN)
-        store4(out_attitude.beta_SN, beta_SN)
+            if params.resolution > 0.0:
+                step = params.resolution
+                w, i, j, k = beta_SN
+                rounded = (quantised(w, step), quantised(i, step), quantised(j, step), quantised(k, step))
+                beta_SN = ep_normalize(rounded)
+            if not valid:
+                beta_SN = (math.nan, math.nan, math.nan, math.nan)
+            out_attitude.valid = valid
+            store4(out_attitude.beta_SN, beta_SN)
         publish(out_attitude, t_ns)

@@ -15,6 +15,7 @@ from messages.base import F64
 from messages.sensors import IMUSensorMsg
 from messages.states import SCStatesMsg
 from sim.sensors.gyro import Gyro
+from tests.sim.sensors.sensor_rig import allan_deviation, series
 
 Criterion = Callable[[str, float], None]
 COUNT = 1000
@@ -131,3 +132,42 @@ def test_bad_state_is_no_sample() -> None:
 def test_wrong_parameters(change: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Gyro.Params(**change)
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.5])
+def test_allan_deviation(criterion: Criterion, dt: float) -> None:
+    """sqrt(arw^2 / tau + rrw^2 tau / 3) from 1 s to 256 s."""
+    sensors = [Gyro(f"gyro_{k}", Gyro.Params(arw=2e-4, rrw=2.2e-5)) for k in range(8)]
+    y = series(sensors, "omega_PN_P", dt, round(40_000 / dt))
+    worst = 0.0
+    for tau in 2.0 ** np.arange(9):
+        expected = np.sqrt(2e-4**2 / tau + 2.2e-5**2 * tau / 3.0)
+        worst = max(worst, abs(allan_deviation(y, round(tau / dt)) / expected - 1.0))
+    criterion("GYRO-4", worst)
+
+
+def test_scale_bias_and_saturation() -> None:
+    """Misalignment, then the bias, then the limit, against the matrix product."""
+    wrong = np.array([[0.01, 0.002, -0.003], [0.004, -0.02, 0.001], [0.0, 0.005, 0.03]])
+    bias, angle = np.array([0.01, -0.02, 0.03]), np.array([0.2, -0.3, 0.25])
+    params = Gyro.Params(dcm_PB=TURN_P, misalignment=wrong, arw=0.0, rrw=0.0, max_rate=0.26)
+    truth, gyro = Truth("truth"), Gyro("gyro", params, Gyro.State(bias_P=bias))
+    truth.out_state.connect(gyro.in_state)
+    for t, turned in [(0, 0.0), (1, 1.0)]:
+        size = np.linalg.norm(angle)
+        truth.out_state.write(state_of(np.tan(turned * size / 4.0) * angle / size), s(t))
+        gyro.step(s(t))
+    expected = (np.eye(3) + wrong) @ TURN_P @ angle + bias
+    message = gyro.out_imu.latest()
+    assert message is not None
+    np.testing.assert_allclose(message.omega_PN_P, np.clip(expected, -0.26, 0.26), rtol=1e-14)
+
+
+def test_counts_lose_no_angle() -> None:
+    """With counts of 1e-3 rad, the sum of the angles stays within half a count of that of the same gyro without."""
+    counted, exact = (
+        series([Gyro("gyro", Gyro.Params(arw=1e-3, resolution=r))], "omega_PN_P", 0.1, 2000) for r in (1e-3, 0.0)
+    )
+    counts = counted * 0.1 / 1e-3
+    assert np.max(np.abs(counts - np.round(counts))) < 1e-9
+    assert np.max(np.abs(np.cumsum(counted - exact, axis=0) * 0.1)) < 0.5001e-3

@@ -11,8 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw import Module, Out, Simulation, Task, s
+from messages.base import F64
 from messages.states import SCStatesMsg
 from sim.sensors.simple_nav import SimpleNav
+from tests.sim.sensors.sensor_rig import AVERAGES, allan_deviation, allan_of, series
 
 Criterion = Callable[[str, float], None]
 R, V = np.array([7e6, -1e6, 2e6]), np.array([1e3, 7e3, -2e3])
@@ -85,3 +87,37 @@ def test_nothing_before_the_first_state() -> None:
     nav.step(0)
     assert nav.out_att.latest() is None
     assert nav.out_trans.latest() is None
+
+
+def test_errors_walk(criterion: Criterion) -> None:
+    """Allan deviation of the position: walk_r's of a sampled random walk, for averages over 1 to 256 samples."""
+    worst = 0.0
+    for dt in (1.0, 0.5):
+        params = SimpleNav.Params(walk_r=0.2, walk_v=1e-3, walk_att=1e-6, walk_rate=1e-7)
+        y = series([SimpleNav(f"nav_{k}", params) for k in range(8)], "r_BN_N", dt, 40_000)
+
+        def covariance(i: F64, j: F64, dt: float = dt) -> F64:
+            return 0.04 * dt * np.minimum(i, j)
+
+        ratios = [allan_deviation(y, m) / allan_of(covariance, m) for m in AVERAGES]
+        worst = max(worst, *(abs(r - 1.0) for r in ratios))
+    criterion("NAV-3", worst)
+
+
+def test_each_walk_has_its_own_density() -> None:
+    """After 100 s, 300 random walks of each kind: standard deviation 10 times the density; 4 standard errors."""
+    params = SimpleNav.Params(walk_r=0.2, walk_v=1e-3, walk_att=1e-6, walk_rate=1e-7)
+    navs = [SimpleNav(f"nav_{k}", params) for k in range(100)]
+    truth = Truth("truth")
+    for nav in navs:
+        truth.out_state.connect(nav.in_state)
+    Simulation([Task("truth", s(50), [truth, *navs])], seed=2).run_until(s(100))
+    trans, att = zip(*[(n.out_trans.latest(), n.out_att.latest()) for n in navs], strict=True)
+    turn = Rotation.from_mrp(SIGMA).inv() * Rotation.from_mrp([a.sigma_BN for a in att if a])
+    for error, density in [
+        ([t.r_BN_N - R for t in trans if t], 0.2),
+        ([t.v_BN_N - V for t in trans if t], 1e-3),
+        (turn.as_rotvec(), 1e-6),
+        ([a.omega_BN_B - OMEGA for a in att if a], 1e-7),
+    ]:
+        assert abs(np.sqrt(np.mean(np.square(error))) / (10.0 * density) - 1.0) < 4 / np.sqrt(2 * 300)

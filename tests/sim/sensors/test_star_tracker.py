@@ -99,3 +99,22 @@ def test_lost_measurements_leave_later_noise_alone() -> None:
 
     assert np.array_equal(run(lose=True)[4:], run(lose=False)[4:])
     assert np.isnan(run(lose=True)[:4]).all()
+
+
+def test_misalignment_and_steps() -> None:
+    """The case turned by a rotation vector in S, and Euler parameters in steps of 2^-20, unit length again."""
+    turn = np.array([0.01, -0.02, 0.05])
+    star = StarTracker(
+        "star",
+        StarTracker.Params(dcm_SB=MOUNTING, misalignment_S=turn, sigma_cross=0.0, sigma_roll=0.0, resolution=2.0**-20),
+    )
+    truth = Truth("truth")
+    truth.out_state.connect(star.in_state)
+    truth.step(0)
+    star.step(0)
+    message = star.out_attitude.latest()
+    assert message is not None
+    true_SN = Rotation.from_mrp(SIGMA) * Rotation.from_matrix(MOUNTING.T) * Rotation.from_rotvec(turn)
+    expected = true_SN.as_quat(scalar_first=True, canonical=True)
+    assert 0 < np.max(np.abs(message.beta_SN - expected)) < 2.0**-20
+    assert abs(np.linalg.norm(message.beta_SN) - 1.0) < 1e-15

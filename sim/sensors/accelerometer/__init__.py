@@ -1,0 +1,5 @@
+"""Three-axis accelerometer."""
+
+from sim.sensors.accelerometer.module import Accelerometer
+
+__all__ = ["Accelerometer"]
