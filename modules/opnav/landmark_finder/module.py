@@ -16,7 +16,7 @@ from modules.estimation.rotations import dcm_from_beta
 from modules.opnav.cells import cells_hit, evenly
 from modules.opnav.landmark_finder.consensus import sigma_of
 from modules.opnav.landmark_finder.search import Found, Pose, Search
-from modules.opnav.maps import GeoMap
+from fsw.imaging.maps import GeoMap
 
 
 class FinderStatus(enum.IntEnum):

@@ -15,7 +15,7 @@ from modules.opnav.landmark_finder.acquire import acquire
 from modules.opnav.landmark_finder.consensus import homography_consensus, sigma_of, undistorted_px
 from modules.opnav.landmark_finder.correlate import Matches, chip_centres, edges, match_chips
 from modules.opnav.landmark_finder.render import View, render_view, scaled_lens
-from modules.opnav.maps import GeoMap, MapError
+from fsw.imaging.maps import GeoMap, MapError
 
 COARSE = 4
 """The coarse search works on pixels this many times as large."""

@@ -27,7 +27,9 @@ class MagneticField(KernelModule):
         epoch_tai_ns: Annotated[int, "ns", "simulation time zero, TAI since 2000-01-01T12:00:00 TAI"] = 0
         radius: Annotated[float, "m", "reference radius of the coefficients", Bound(gt=0)] = RADIUS
         degree: Annotated[int, "-", "highest degree", Bound(ge=1, le=13)] = 13
-        nodes_tai_ns: Annotated[I64, Shape(YEARS), "ns", "instants of the tables, ascending; the last one is repeated"] = _NO_TIMES
+        nodes_tai_ns: Annotated[
+            I64, Shape(YEARS), "ns", "instants of the tables, ascending; the last one is repeated"
+        ] = _NO_TIMES
         g: Annotated[F64, Shape(YEARS, COUNT), "T", "cosine coefficients at the nodes, scaled"] = zeros(YEARS, COUNT)
         h: Annotated[F64, Shape(YEARS, COUNT), "T", "sine coefficients at the nodes, scaled"] = zeros(YEARS, COUNT)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fsw.math.camera import lens_vector
 from messages.opnav import CameraConfigMsg
 from modules.opnav.landmark_finder import render_view
-from modules.opnav.maps import GeoMap
+from fsw.imaging.maps import GeoMap
 from sim.camera.photo_player import read_image
 from sim.scenarios.iss_photos.results import Fix
 

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from numpy.typing import NDArray
 
 from messages.base import F64
-from modules.opnav.maps import GeoMap
+from fsw.imaging.maps import GeoMap
 from sim.scenarios.iss_photos.inputs import Inputs
 from sim.scenarios.iss_photos.results import Fix, Results, Summary
 

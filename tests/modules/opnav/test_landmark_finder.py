@@ -20,7 +20,7 @@ from messages.opnav import CameraConfigMsg, CameraImageMsg, LandmarksMsg, PosePr
 from modules.estimation.rotations import beta_from_dcm, dcm_from_rotation_vector
 from modules.opnav.landmark_finder import FinderStatus, LandmarkFinder
 from modules.opnav.landmark_finder.search import COARSE_REACH_PX, FINE_REACH_PX, Pose, Search
-from modules.opnav.maps import GeoMap
+from fsw.imaging.maps import GeoMap
 from tests.modules.opnav import synthetic_ground as world
 
 CV: Any = cv2

@@ -33,9 +33,7 @@ class Sky(Module):
 
     def place(self, r: Any, t_ns: int = 0) -> None:
         self.out_state.write(
-            SCStatesMsg(
-                r_BN_N=np.array(r, float), v_BN_N=STILL, sigma_BN=STILL, omega_BN_B=STILL, omegaDot_BN_B=STILL
-            ),
+            SCStatesMsg(r_BN_N=np.array(r, float), v_BN_N=STILL, sigma_BN=STILL, omega_BN_B=STILL, omegaDot_BN_B=STILL),
             t_ns,
         )
 

@@ -58,7 +58,9 @@ def test_official_table(criterion: Criterion) -> None:
 def by_ppigrf(r: F64, date: datetime) -> F64:
     """Field in Earth-fixed components, T."""
     distance, colatitude, lon = np.linalg.norm(r), np.arccos(r[2] / np.linalg.norm(r)), np.arctan2(r[1], r[0])
-    up, south, east = (float(x.item()) for x in ppigrf.igrf_gc(distance / 1e3, np.degrees(colatitude), np.degrees(lon), date))
+    up, south, east = (
+        float(x.item()) for x in ppigrf.igrf_gc(distance / 1e3, np.degrees(colatitude), np.degrees(lon), date)
+    )
     down_to = north_east_down(np.pi / 2 - colatitude, lon)
     return 1e-9 * down_to.T @ np.array([-south, east, -up])
 
@@ -76,7 +78,10 @@ def test_against_ppigrf(criterion: Criterion) -> None:
         for spot in PLACES:
             r = place(*spot)
             expected = by_ppigrf(r, datetime(year, 1, 1))  # noqa: DTZ001 - ppigrf takes dates without zone
-            worst = max(worst, float(np.linalg.norm(field(sky, r) / np.linalg.norm(expected) - expected / np.linalg.norm(expected))))
+            worst = max(
+                worst,
+                float(np.linalg.norm(field(sky, r) / np.linalg.norm(expected) - expected / np.linalg.norm(expected))),
+            )
     criterion("MAGNETIC-2", worst)
 
 

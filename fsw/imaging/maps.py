@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from messages.base import F64
-from modules.opnav.rasters import MapError, Raster, apply
+from fsw.imaging.rasters import MapError, Raster, apply
 
 __all__ = ["GeoMap", "HeightGrid", "MapError"]
 

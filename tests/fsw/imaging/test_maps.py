@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rasterio import Affine, warp
 from rasterio.enums import ColorInterp
 
-from modules.opnav.maps import GeoMap, MapError
-from modules.opnav.rasters import TILE, Raster
+from fsw.imaging.maps import GeoMap, MapError
+from fsw.imaging.rasters import TILE, Raster
 
 CV: Any = cv2
 RASTERIO: Any = rasterio
