@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from messages.base import F64
 from fsw.imaging.rasters import MapError, Raster, apply
+from messages.base import F64
 
 __all__ = ["GeoMap", "HeightGrid", "MapError"]
 

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.imaging.maps import GeoMap, MapError
 from fsw.math.resection import attitude_from_rays, fit_pose
 from messages.base import F64
 from modules.opnav.landmark_finder.consensus import homography_consensus, undistorted_px
 from modules.opnav.landmark_finder.render import pinhole, render_view
-from fsw.imaging.maps import GeoMap, MapError
 
 WIDE_FOCAL = 0.54
 """Focal length of the rendered view to the width of the photo: 85 degrees, so a tilt of 15 stays inside."""

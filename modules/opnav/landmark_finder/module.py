@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw import Bound, In, Module, Out, Record
+from fsw.imaging.maps import GeoMap
 from fsw.math.camera import lens_vector
 from messages.opnav import MAX_LANDMARKS, CameraConfigMsg, CameraImageMsg, LandmarksMsg, PosePriorMsg
 from modules.estimation.rotations import dcm_from_beta
 from modules.opnav.cells import cells_hit, evenly
 from modules.opnav.landmark_finder.consensus import sigma_of
 from modules.opnav.landmark_finder.search import Found, Pose, Search
-from fsw.imaging.maps import GeoMap
 
 
 class FinderStatus(enum.IntEnum):

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.imaging.maps import SEA_LEVEL, GeoMap, HeightGrid, MapError
+from fsw.imaging.rasters import Raster
 from fsw.math.camera import S_MAX
 from messages.base import F64
 from modules.opnav.landmark_finder.kernel import ground_at, ground_grid, spread
-from fsw.imaging.maps import SEA_LEVEL, GeoMap, HeightGrid, MapError
-from fsw.imaging.rasters import Raster
 
 STEP = 4
 """The ground is computed for every STEP-th pixel of rows and columns, and is interpolated between."""

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.imaging.maps import GeoMap, MapError
 from fsw.math.resection import fit_pose, pose_derivatives
 from messages.base import F64
 from modules.opnav.landmark_finder.acquire import acquire
 from modules.opnav.landmark_finder.consensus import homography_consensus, sigma_of, undistorted_px
 from modules.opnav.landmark_finder.correlate import Matches, chip_centres, edges, match_chips
 from modules.opnav.landmark_finder.render import View, render_view, scaled_lens
-from fsw.imaging.maps import GeoMap, MapError
 
 COARSE = 4
 """The coarse search works on pixels this many times as large."""

@@ -10,10 +10,10 @@ import erfa as _erfa
 import msgspec
 import numpy as np
 
+from fsw.imaging.maps import GeoMap, MapError
 from messages.opnav import CameraConfigMsg
 from messages.orbit import CameraAccuracyMsg
 from modules.estimation.orbit_pose_prior import OrbitError, TleOrbit, require_fresh
-from fsw.imaging.maps import GeoMap, MapError
 from sim.camera.photo_player import Cadence, Photo, PhotoError, PlayedPhoto, Times, estimate_times, open_photo
 from sim.scenarios.iss_photos.camera_file import BadInputError, read_calibration, read_camera
 from sim.scenarios.iss_photos.options import Options

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.imaging.maps import GeoMap
 from fsw.math.camera import lens_vector
 from messages.opnav import CameraConfigMsg
 from modules.opnav.landmark_finder import render_view
-from fsw.imaging.maps import GeoMap
 from sim.camera.photo_player import read_image
 from sim.scenarios.iss_photos.results import Fix
 

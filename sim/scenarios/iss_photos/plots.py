@@ -15,8 +15,8 @@ import cv2
 import matplotlib.pyplot as plt
 from numpy.typing import NDArray
 
-from messages.base import F64
 from fsw.imaging.maps import GeoMap
+from messages.base import F64
 from sim.scenarios.iss_photos.inputs import Inputs
 from sim.scenarios.iss_photos.results import Fix, Results, Summary
 

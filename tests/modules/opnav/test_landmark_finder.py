@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fsw import Module, Out
+from fsw.imaging.maps import GeoMap
 from fsw.math.camera import lens_vector
 from fsw.math.geodesy import ecef_from_geodetic
 from fsw.math.resection import attitude_from_rays, fit_pose
@@ -20,7 +21,6 @@ from messages.opnav import CameraConfigMsg, CameraImageMsg, LandmarksMsg, PosePr
 from modules.estimation.rotations import beta_from_dcm, dcm_from_rotation_vector
 from modules.opnav.landmark_finder import FinderStatus, LandmarkFinder
 from modules.opnav.landmark_finder.search import COARSE_REACH_PX, FINE_REACH_PX, Pose, Search
-from fsw.imaging.maps import GeoMap
 from tests.modules.opnav import synthetic_ground as world
 
 CV: Any = cv2

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fsw.imaging.maps import SEA_LEVEL, GeoMap, MapError
 from fsw.math.geodesy import ecef_from_geodetic
 from modules.opnav.landmark_finder.kernel import ground_grid, ground_point, height_at, spread
 from modules.opnav.landmark_finder.render import pinhole, render_view, scaled_lens
-from fsw.imaging.maps import SEA_LEVEL, GeoMap, MapError
 from tests.modules.opnav import synthetic_ground as world
 
 
