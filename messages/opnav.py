@@ -7,10 +7,14 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from messages.base import F64, Bound, Mat6, Message, NanOk, ObjectMessage, Shape, Vec2, Vec3, Vec4, eye, zeros
+from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, ObjectMessage, Shape, Vec2, Vec3, Vec4, eye, zeros
 
 MAX_LANDMARKS = 1024
 """Capacity of `LandmarksMsg`."""
+MAX_CIRCLES = 10
+"""Capacity of `OpNavCirclesMsg`."""
+MAX_LIMB = 2000
+"""Capacity of `OpNavLimbMsg`."""
 
 
 class CameraImageMsg(ObjectMessage):
@@ -69,3 +73,44 @@ class PoseFixMsg(Message):
     r_CE_E: Annotated[Vec3, "m", "position of the camera relative to the Earth's centre, Earth-fixed", NanOk()]
     beta_CE: Annotated[Vec4, "-", "attitude of the camera relative to E, Euler parameters, scalar first", NanOk()]
     P_pose: Annotated[Mat6, "m^2, m*rad, rad^2", "covariance of position (E) and attitude error (C)", NanOk()]
+
+
+class OpNavCirclesMsg(Message):
+    """Disks of planets or moons found in an image, the surest first; beyond ``count`` the numbers are NaN."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    valid: Annotated[bool, "-", "at least one disk was found that passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    body_id: Annotated[int, "-", "NAIF identifier of the body that the first disk is taken for"]
+    count: Annotated[int, "-", "disks found", Bound(ge=0, le=MAX_CIRCLES)]
+    center_px: Annotated[F64, Shape(MAX_CIRCLES, 2), "px", "centre of each disk (column, row)", NanOk()]
+    radius_px: Annotated[F64, Shape(MAX_CIRCLES), "px", "radius of each disk", NanOk()]
+    P_px: Annotated[F64, Shape(MAX_CIRCLES, 3, 3), "px^2", "covariance of column, row and radius", NanOk()]
+
+
+class OpNavLimbMsg(Message):
+    """Points of a lit limb; only the first ``count`` entries mean anything, and the rest is NaN."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    valid: Annotated[bool, "-", "the points passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    body_id: Annotated[int, "-", "NAIF identifier of the body"]
+    count: Annotated[int, "-", "points found", Bound(ge=0, le=MAX_LIMB)]
+    limb_px: Annotated[F64, Shape(MAX_LIMB, 2), "px", "points of the limb (column, row), distorted", NanOk()]
+    sigma_px: Annotated[F64, Shape(MAX_LIMB), "px", "standard deviation across the limb", NanOk()]
+
+
+class OpNavMsg(Message):
+    """Position of the camera C relative to a body P from one image. If not ``valid``, the numbers are not to be used."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    valid: Annotated[bool, "-", "the position passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    fault_detected: Annotated[bool, "-", "two image chains disagree"]
+    body_id: Annotated[int, "-", "NAIF identifier of the body"]
+    r_CP_N: Annotated[Vec3, "m", "position of the camera relative to the body's centre, N components", NanOk()]
+    r_CP_B: Annotated[Vec3, "m", "the same in B components", NanOk()]
+    r_CP_C: Annotated[Vec3, "m", "the same in C components", NanOk()]
+    P_rr_N: Annotated[Mat3, "m^2", "covariance of the position, N components", NanOk()]
+    P_rr_B: Annotated[Mat3, "m^2", "the same in B components", NanOk()]
+    P_rr_C: Annotated[Mat3, "m^2", "the same in C components", NanOk()]
