@@ -42,11 +42,13 @@ def visible_fraction(sun: V3, sun_radius: float, body: V3, body_radius: float) -
         1 in full light, 0 in the umbra and inside the body; NaN if a position is NaN.
     """
     far, near = norm(sun), norm(body)
+    c = math.atan2(norm(cross(sun, body)), dot(sun, body))
+    if math.isnan(c):
+        return math.nan
     if near <= body_radius:
         return 0.0
     if far <= sun_radius:
         return 1.0
-    c = math.atan2(norm(cross(sun, body)), dot(sun, body))
     a, b = math.asin(sun_radius / far), math.asin(body_radius / near)
     if c >= a + b or far <= near - body_radius:
         return 1.0
@@ -57,4 +59,5 @@ def visible_fraction(sun: V3, sun_radius: float, body: V3, body_radius: float) -
         return 1.0 - ratio * ratio
     half = math.sin(0.5 * a)
     hidden = cap_overlap(a, b, c) / (4.0 * math.pi * half * half)
-    return min(1.0, max(0.0, 1.0 - hidden))
+    light = 1.0 - hidden
+    return 0.0 if light < 0.0 else 1.0 if light > 1.0 else light  # keeps a NaN, which min and max may not

@@ -12,6 +12,7 @@ import pytest
 
 from fsw.math.earth_orientation import (
     ROWS,
+    EarthParameters,
     assumed_parameters,
     earth_rotation_angle,
     gcrf_to_itrf,
@@ -19,7 +20,7 @@ from fsw.math.earth_orientation import (
     orientation_table,
     read_parameters,
 )
-from fsw.math.epoch import DAY, SECOND, epoch
+from fsw.math.epoch import DAY, SECOND, epoch, julian_dates
 
 ERFA: Any = erfa
 ROOT = Path(__file__).parents[3]
@@ -111,20 +112,32 @@ def test_earth_rotation_angle_against_erfa() -> None:
         )  # both round the product of days and turns, some 24 turns of 3.6e-15
 
 
+def published_parameters(start: int) -> EarthParameters:
+    """Those of the paper. It keeps the date of UT1 in one number, whose last digit is 40 us (2 cm of the place)."""
+    whole, rest = julian_dates(start, "tai")
+    ut1_minus_tai = ((2453101.827406783 - whole) - rest) * 86400.0
+    assert ut1_minus_tai == pytest.approx(-32.4399619, abs=20e-6)
+    pole = np.array([-0.140682, 0.333309, -0.000199, -0.000252]) * ERFA.DAS2R
+    return EarthParameters("the paper", (), np.array([[ut1_minus_tai, *pole]]))
+
+
 def test_published_example_of_gcrf_to_itrf() -> None:
     """Vallado, Seago and Seidelmann (2006), "Implementation Issues Surrounding the New IAU Reference Systems"."""
     start = epoch("2004-04-06T07:51:28.386009Z")
-    assumed = assumed_parameters(start, -0.4399619)
-    values = assumed.values.copy()
-    values[0, 1:] = np.array([-0.140682, 0.333309, -0.000205, -0.000136]) * ERFA.DAS2R
-    parameters = type(assumed)("the paper", (), values)
+    parameters = published_parameters(start)
     r_itrf = np.array([-1033.4793830e3, 7901.2952754e3, 6380.3565958e3])
     r_gcrf = np.array([5102.5089530e3, 6123.0113955e3, 6378.1369371e3])
-    # the paper has the precession of IAU 2000; that of 2006 moves a point by 1 mm in four years
-    np.testing.assert_allclose(gcrf_to_itrf(start, parameters) @ r_gcrf, r_itrf, rtol=0, atol=2e-3)
+    # the paper has X and Y of IAU 2000A: with them ERFA gives its place to the last printed digit
+    _, xp, yp, dx, dy = parameters.values[0]
+    tt, ut1 = julian_dates(start, "tt"), (2453101.827406783, 0.0)
+    x, y, s = ERFA.xys00a(*tt)
+    old = ERFA.c2tcio(ERFA.c2ixys(x + dx, y + dy, s), ERFA.era00(*ut1), ERFA.pom00(xp, yp, ERFA.sp00(*tt)))
+    np.testing.assert_allclose(old @ r_gcrf, r_itrf, rtol=0, atol=1.5e-4)
+    # the precession of 2006 moves the pole by 23 micro arc seconds in four years: 1 mm at 10,200 km
+    np.testing.assert_allclose(gcrf_to_itrf(start, parameters) @ r_gcrf, r_itrf, rtol=0, atol=1.3e-3)
     first, rows, table = orientation_table(start, DAY, parameters)
     dcm, _ = orientation(start, first, rows, table)
-    np.testing.assert_allclose(np.array(dcm) @ r_gcrf, r_itrf, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(np.array(dcm) @ r_gcrf, r_itrf, rtol=0, atol=1.3e-3)
 
 
 def test_a_long_table_stays_below_a_millimetre() -> None:

@@ -138,17 +138,19 @@ def test_light_is_monotonic_across_the_shadow() -> None:
     assert np.all(np.diff(light) >= 0.0)
 
 
-def test_planar_formula_is_only_near() -> None:
-    """What plane disks give in low orbit differs in the fourth digit, and agrees for a small body."""
-    for distance, tolerance in [(R_EARTH + 4e5, 2e-3), (3.6e8, 1e-6)]:
+def test_planar_formula_differs_by_the_curvature() -> None:
+    """A circle of radius b on the sphere has the curvature cot b, on a plane 1/b.
+
+    Over the Sun's disk that adds up to a (1/b - cot b) / (3 pi), to first order in a: 2e-4 in low orbit, 3e-6 at the Moon.
+    """
+    for distance in (R_EARTH + 4e5, 3.6e8):
         a, b = math.asin(R_SUN / AU), math.asin(R_EARTH / distance)
         c = math.hypot(a, b)
         x = (c * c + a * a - b * b) / (2 * c)
         y = math.sqrt(a * a - x * x)
         plane = 1 - (a * a * math.acos(x / a) + b * b * math.acos((c - x) / b) - c * y) / (math.pi * a * a)
-        assert visible((AU, 0.0, 0.0), R_SUN, tuple(at_angle(distance, c)), R_EARTH) == pytest.approx(
-            plane, abs=tolerance
-        )
+        found = visible((AU, 0.0, 0.0), R_SUN, tuple(at_angle(distance, c)), R_EARTH)
+        assert plane - found == pytest.approx(a * (1 / b - 1 / math.tan(b)) / (3 * math.pi), rel=0.03)
 
 
 def test_moon_hides_the_sun() -> None:
@@ -183,6 +185,12 @@ def test_nothing_without_state_or_sun() -> None:
             sky.out_sun.write(body_at([AU, 0.0, 0.0], R_SUN), 0)
         eclipse.step(0)
         assert eclipse.out_eclipse.latest() is None
+
+
+def test_nan_is_no_light_inside_the_body_either() -> None:
+    assert math.isnan(visible((math.nan, 0.0, 0.0), R_SUN, (1e6, 0.0, 0.0), R_EARTH))
+    assert math.isnan(visible((AU, 0.0, 0.0), R_SUN, (math.nan, 0.0, 0.0), R_EARTH))
+    assert visible((AU, 0.0, 0.0), R_SUN, (1e6, 0.0, 0.0), R_EARTH) == 0.0
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
