@@ -1,0 +1,5 @@
+"""Reference attitude that stands still."""
+
+from modules.guidance.inertial_point.module import InertialPoint
+
+__all__ = ["InertialPoint"]
