@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fsw.imaging.maps import GeoMap, MapError
 from fsw.math.resection import attitude_from_rays, fit_pose
 from messages.base import F64
+from modules.opnav.features import mutual_matches
 from modules.opnav.landmark_finder.consensus import homography_consensus, undistorted_px
 from modules.opnav.landmark_finder.render import pinhole, render_view
 
@@ -33,20 +34,6 @@ def _features(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> tuple[
     if descriptors is None:
         return np.empty((0, 2)), np.empty((0, 128), np.float32)
     return np.array([k.pt for k in keys], float).reshape(-1, 2), descriptors
-
-
-def _mutual(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Index pairs (n, 2) that are each other's nearest, and clearly so."""
-    if len(a) < 2 or len(b) < 2:
-        return np.empty((0, 2), np.int64)
-    matcher = CV.BFMatcher(cv2.NORM_L2)
-    back = {m.queryIdx: m.trainIdx for (m,) in matcher.knnMatch(b, a, k=1)}
-    pairs = [
-        (best.queryIdx, best.trainIdx)
-        for best, second in matcher.knnMatch(a, b, k=2)
-        if best.distance < RATIO * second.distance and back.get(best.trainIdx) == best.queryIdx
-    ]
-    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
 def acquire(geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, dcm_CE: F64) -> tuple[F64, F64] | None:
@@ -72,7 +59,7 @@ def acquire(geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, d
         return None
     map_px, map_words = _features(view.image, view.mask)
     photo_px, photo_words = _features(photo, None)
-    pairs = _mutual(photo_words, map_words)
+    pairs = mutual_matches(photo_words, map_words, RATIO)
     seen, mapped = photo_px[pairs[:, 0]], map_px[pairs[:, 1]]
     agree = homography_consensus(undistorted_px(lens, seen), mapped, CONSENSUS_PX)
     if agree.sum() < MIN_INLIERS:
