@@ -1,7 +1,6 @@
-"""Forces that move a satellite, as one sum: gravity of the planet, the Sun and the Moon, drag, solar pressure.
+"""Forces that move a satellite: gravity of the planet, the Sun and the Moon; drag and the pressure of sunlight.
 
-The truth of the simulation and the orbit fit use this one function, so that a fitted orbit is one that the simulation
-flies. All is read from rows where it is needed: a call passes a few addresses, and what is absent costs nothing.
+All is read from rows where it is needed: a call passes a few addresses, and what is absent costs nothing.
 N: inertial frame at the centre of the planet. E: fixed to the planet.
 """
 
@@ -69,22 +68,34 @@ def position_E(r: V3, t: float, scene: Scene) -> V3:
 
 
 @compiled
-def field_acceleration(r_E: V3, craft: Row) -> V3:
-    """Acceleration, m/s^2, of the planet's gravity at ``r_E`` (m), both in E components."""
+def full_field_acceleration(r_E: V3, craft: Row) -> V3:
+    """As `field_acceleration`, by spherical harmonics or J2 to J6; apart, so that the field of J2 is a short function."""
     if craft.degree > 0:
         return harmonic_acceleration(r_E, craft.mu, craft.radius, craft.degree, craft.C, craft.S)
-    if craft.j3 == 0.0 and craft.j4 == 0.0 and craft.j5 == 0.0 and craft.j6 == 0.0:
-        return gravity_acceleration(r_E, craft.mu, craft.radius, craft.j2)
     return zonal_acceleration(r_E, craft.mu, craft.radius, (craft.j2, craft.j3, craft.j4, craft.j5, craft.j6))
+
+
+@compiled
+def has_only_j2(craft: Row) -> bool:
+    """Whether the field is that of a point mass and J2."""
+    return craft.degree == 0 and craft.j3 == 0.0 and craft.j4 == 0.0 and craft.j5 == 0.0 and craft.j6 == 0.0
+
+
+@compiled
+def field_acceleration(r_E: V3, craft: Row) -> V3:
+    """Acceleration, m/s^2, of the planet's gravity at ``r_E`` (m), both in E components."""
+    if has_only_j2(craft):
+        return gravity_acceleration(r_E, craft.mu, craft.radius, craft.j2)
+    return full_field_acceleration(r_E, craft)
 
 
 @compiled
 def field_potential(r_E: V3, craft: Row) -> float:
     """Potential energy of a unit mass in the planet's gravity, J/kg, at ``r_E`` (m), E components."""
+    if has_only_j2(craft):
+        return gravity_potential(r_E, craft.mu, craft.radius, craft.j2)
     if craft.degree > 0:
         return harmonic_potential(r_E, craft.mu, craft.radius, craft.degree, craft.C, craft.S)
-    if craft.j3 == 0.0 and craft.j4 == 0.0 and craft.j5 == 0.0 and craft.j6 == 0.0:
-        return gravity_potential(r_E, craft.mu, craft.radius, craft.j2)
     return zonal_potential(r_E, craft.mu, craft.radius, (craft.j2, craft.j3, craft.j4, craft.j5, craft.j6))
 
 
@@ -114,22 +125,40 @@ def light_acceleration(r: V3, sun: V3, eclipse: Row, craft: Row) -> V3:
 
 
 @compiled
-def acceleration(r: V3, v: V3, t: float, scene: Scene) -> V3:
-    """Acceleration, m/s^2, N components, at ``r`` (m) and ``v`` (m/s), ``t`` s after the time of the scene."""
-    craft, turn = scene.craft, scene.orientation
-    if turn.seq == 0:
-        a = field_acceleration(r, craft)
-    else:
-        age = (scene.time_ns - turn.t_ns) / 1e9 + t
-        a = field_acceleration(position_E(r, t, scene), craft)
-        a = turned(mat_t_vec(mat3(turn.dcm_EN), a), vec3(turn.omega_EN_N), age)
+def turned_field(r: V3, t: float, scene: Scene) -> V3:
+    """Acceleration, m/s^2, of the planet's gravity at ``r`` (m), both in N, with the planet turned as it is at ``t``."""
+    turn = scene.orientation
+    age = (scene.time_ns - turn.t_ns) / 1e9 + t
+    a = field_acceleration(position_E(r, t, scene), scene.craft)
+    return turned(mat_t_vec(mat3(turn.dcm_EN), a), vec3(turn.omega_EN_N), age)
+
+
+@compiled
+def third_bodies(r: V3, t: float, scene: Scene) -> V3:
+    """Acceleration, m/s^2, N components, by the Sun and the Moon."""
+    a = (0.0, 0.0, 0.0)
     if scene.sun.seq > 0:
-        sun = body_position(scene.sun, t, scene.time_ns)
-        a = add(a, third_body_acceleration(r, sun, scene.sun.mu))
-        if craft.light_area > 0.0:
-            a = add(a, light_acceleration(r, sun, scene.eclipse, craft))
+        a = third_body_acceleration(r, body_position(scene.sun, t, scene.time_ns), scene.sun.mu)
     if scene.moon.seq > 0:
         a = add(a, third_body_acceleration(r, body_position(scene.moon, t, scene.time_ns), scene.moon.mu))
+    return a
+
+
+@compiled
+def gravity(r: V3, t: float, scene: Scene) -> V3:
+    """Acceleration, m/s^2, N components, by the planet, the Sun and the Moon, ``t`` s after the time of the scene."""
+    a = field_acceleration(r, scene.craft) if scene.orientation.seq == 0 else turned_field(r, t, scene)
+    if scene.sun.seq > 0 or scene.moon.seq > 0:
+        a = add(a, third_bodies(r, t, scene))
+    return a
+
+
+@compiled
+def surface_acceleration(r: V3, v: V3, t: float, scene: Scene) -> V3:
+    """Acceleration, m/s^2, N components, by air and light, at ``r`` (m) and ``v`` (m/s)."""
+    craft, a = scene.craft, (0.0, 0.0, 0.0)
+    if craft.light_area > 0.0 and scene.sun.seq > 0:
+        a = light_acceleration(r, body_position(scene.sun, t, scene.time_ns), scene.eclipse, craft)
     if craft.drag_area > 0.0 and scene.air.seq > 0:
         a = add(a, drag_acceleration(v, scene.air, craft))
     return a

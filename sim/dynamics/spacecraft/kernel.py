@@ -7,15 +7,15 @@ from typing import Any, TypeAlias
 
 from fsw.math.attitude import mrp_inner, mrp_rate, mrp_to_dcm
 from fsw.math.compiled import compiled
-from fsw.math.forces import acceleration
+from fsw.math.forces import gravity, surface_acceleration
 from fsw.math.gravity import gravity_gradient_torque
 from fsw.math.integrators import dop853_dense, dop853_error, dop853_factor, dop853_step, dop853_value
 from fsw.math.vectors import V3, add, axpy, cross, mat3, mat_t_vec, matvec, norm, scale, store3, sub, vec3
 from messages.base import F64
 from sim.dynamics.spacecraft.scene import World
 
-Motion: TypeAlias = tuple[V3, V3, V3, V3]
-"""r_BN_N (m), v_BN_N (m/s), sigma_BN, omega_BN_B (rad/s), or their derivatives."""
+Motion: TypeAlias = tuple[V3, V3, V3, V3, V3]
+"""r_BN_N (m), v_BN_N (m/s), sigma_BN, omega_BN_B (rad/s), dv_BN_N (m/s), or their derivatives."""
 Row: TypeAlias = Any
 
 LONGEST_STEP = 600.0
@@ -51,19 +51,30 @@ def angular_acceleration(r: V3, sigma: V3, omega: V3, world: World) -> V3:
 
 
 @compiled
-def derivative(y: Motion, t: float, world: World) -> Motion:
-    """Time derivative of a motion (Eq. 1 to 3), ``t`` seconds after the time of the world."""
-    accel = acceleration(y[0], y[1], t, world.forces)
+def felt(y: Motion, t: float, world: World) -> V3:
+    """Acceleration, m/s^2, N components, by all but gravity: commanded force, air, light."""
+    accel = surface_acceleration(y[0], y[1], t, world.forces)
     if world.force.seq > 0:
         push = scale(1.0 / world.forces.craft.mass, vec3(world.force.force_B))
         accel = add(accel, mat_t_vec(mrp_to_dcm(y[2]), push))
-    return y[1], accel, mrp_rate(y[2], y[3]), angular_acceleration(y[0], y[2], y[3], world)
+    return accel
+
+
+@compiled
+def derivative(y: Motion, t: float, world: World) -> Motion:
+    """Time derivative of a motion (Eq. 1 to 4), ``t`` seconds after the time of the world."""
+    accel, push = gravity(y[0], t, world.forces), (0.0, 0.0, 0.0)
+    if world.pushed:
+        push = felt(y, t, world)
+        accel = add(accel, push)
+    return y[1], accel, mrp_rate(y[2], y[3]), angular_acceleration(y[0], y[2], y[3], world), push
 
 
 @compiled
 def advance(y: Motion, h: float, rate: Motion) -> Motion:
     """y + h rate."""
-    return axpy(h, rate[0], y[0]), axpy(h, rate[1], y[1]), axpy(h, rate[2], y[2]), axpy(h, rate[3], y[3])
+    r, v, sigma = axpy(h, rate[0], y[0]), axpy(h, rate[1], y[1]), axpy(h, rate[2], y[2])
+    return r, v, sigma, axpy(h, rate[3], y[3]), axpy(h, rate[4], y[4])
 
 
 @compiled
@@ -78,7 +89,7 @@ def rk4(y: Motion, t: float, h: float, world: World) -> Motion:
 
 @compiled
 def _motion(y: F64) -> Motion:
-    return vec3(y[0:3]), vec3(y[3:6]), vec3(y[6:9]), vec3(y[9:12])
+    return vec3(y[0:3]), vec3(y[3:6]), vec3(y[6:9]), vec3(y[9:12]), vec3(y[12:15])
 
 
 @compiled
@@ -87,6 +98,7 @@ def _store(out: F64, y: Motion) -> None:
     store3(out[3:6], y[1])
     store3(out[6:9], y[2])
     store3(out[9:12], y[3])
+    store3(out[12:15], y[4])
 
 
 @compiled
@@ -103,7 +115,7 @@ def _unchanged(kept: F64, new: V3) -> bool:
 
 @compiled
 def _same_load(kept: F64, world: World) -> bool:
-    """Whether what is held over a step is what ``kept`` (2, 12) says; if not, it is written there."""
+    """Whether what is held over a step is what ``kept`` (2, 15) says; if not, it is written there."""
     zero = (0.0, 0.0, 0.0)
     air, eclipse = world.forces.air, world.forces.eclipse
     a = _unchanged(kept[0, 0:3], vec3(world.torque.torque_B) if world.torque.seq > 0 else zero)
@@ -138,7 +150,7 @@ def adaptive(y: Motion, t_ns: int, state: Row, tolerance: float, world: World) -
         size_w = max(norm(vec3(start[9:12])), 1e-3)
         for i in range(3):
             limits[i], limits[3 + i] = tolerance * size_r, tolerance * size_v
-            limits[6 + i], limits[9 + i] = tolerance, tolerance * size_w
+            limits[6 + i], limits[9 + i], limits[12 + i] = tolerance, tolerance * size_w, tolerance * size_v
         h = state.next_step if state.next_step > 0.0 else 0.02 / (size_w + size_v / size_r)
         rest = (t_ns - state.arc_end_ns) / 1e9
         cut = not same and h > rest  # what changes every time is not worth a long step

@@ -14,8 +14,9 @@ from fsw.math.gravity import J2_EARTH, MU_EARTH, RADIUS_EARTH
 from fsw.math.vectors import cross, dot, inverse, mat3, mat_t_vec, matvec, store3, vec3
 from messages.control import CmdForceBodyMsg, CmdTorqueBodyMsg
 from messages.environment import AtmosphereMsg, EclipseMsg, EphemerisMsg, MagneticFieldMsg, PlanetOrientationMsg
+from messages.sensors import SpecificForceMsg
 from messages.states import ConservedMsg, SCStatesMsg
-from sim.dynamics.spacecraft.kernel import adaptive, angular_acceleration, rk4
+from sim.dynamics.spacecraft.kernel import adaptive, angular_acceleration, felt, rk4
 from sim.dynamics.spacecraft.scene import World, require_forces, require_loads, require_outside
 
 
@@ -64,12 +65,13 @@ class Spacecraft(KernelModule):
         v_BN_N: Annotated[Vec3, "m/s", "inertial velocity of B, N components"]
         sigma_BN: Annotated[Vec3, "-", "attitude of B relative to N, MRP"]
         omega_BN_B: Annotated[Vec3, "rad/s", "angular velocity of B relative to N, B components"]
+        dv_BN_N: Annotated[Vec3, "m/s", "velocity gained by all but gravity, N components"] = zeros(3)
         time_ns: Annotated[int, "ns", "simulation time at which the motion holds"] = 0
         arc_start_ns: Annotated[int, "ns", "begin of the last adaptive step"] = 0
         arc_end_ns: Annotated[int, "ns", "end of the last adaptive step"] = 0
         next_step: Annotated[float, "s", "what the error allows for the next adaptive step; 0: not known"] = 0.0
-        work: Annotated[F64, Shape(29, 12), "-", "interpolant, stages and loads of the last adaptive step"] = zeros(
-            29, 12
+        work: Annotated[F64, Shape(29, 15), "-", "interpolant, stages and loads of the last adaptive step"] = zeros(
+            29, 15
         )
 
     in_torque = In(CmdTorqueBodyMsg, optional=True)
@@ -81,6 +83,7 @@ class Spacecraft(KernelModule):
     in_eclipse = In(EclipseMsg, optional=True)
     in_field = In(MagneticFieldMsg, optional=True)
     out_state = Out(SCStatesMsg)
+    out_force = Out(SpecificForceMsg)
     out_conserved = Out(ConservedMsg)
 
     @staticmethod
@@ -97,6 +100,7 @@ class Spacecraft(KernelModule):
         in_eclipse: Row,
         in_field: Row,
         out_state: Row,
+        out_force: Row,
         out_conserved: Row,
     ) -> None:
         """Integrate up to ``t_ns`` with the newest inputs."""
@@ -105,23 +109,27 @@ class Spacecraft(KernelModule):
         moving = t_ns > state.time_ns
         scene = Scene(state.time_ns, params, in_orientation, in_sun, in_moon, in_atmosphere, in_eclipse)
         inertia = mat3(params.inertia_B)
-        world = World(scene, in_torque, in_force, in_field, inverse(inertia))
+        dragged = params.drag_area > 0.0 and in_atmosphere.seq > 0
+        lit = params.light_area > 0.0 and in_sun.seq > 0
+        pushed = dragged or lit or in_force.seq > 0
+        world = World(scene, in_torque, in_force, in_field, inverse(inertia), pushed)
         require_forces(scene, moving)
         require_loads(world, moving)
-        y = (vec3(state.r_BN_N), vec3(state.v_BN_N), mrp_inner(vec3(state.sigma_BN)), vec3(state.omega_BN_B))
+        sigma, dv = mrp_inner(vec3(state.sigma_BN)), vec3(state.dv_BN_N)
+        y = (vec3(state.r_BN_N), vec3(state.v_BN_N), sigma, vec3(state.omega_BN_B), dv)
         duration = (t_ns - state.time_ns) / 1e9
         if params.tolerance > 0.0:
             if moving:
                 y = adaptive(y, t_ns, state, params.tolerance, world)
-                y = (y[0], y[1], mrp_inner(y[2]), y[3])
+                y = (y[0], y[1], mrp_inner(y[2]), y[3], y[4])
         else:
             steps: int = math.ceil(duration / params.max_step - 1e-9)
             h = duration / max(steps, 1)
             for i in range(steps):
                 require_outside(y[0], i * h, scene)
                 y = rk4(y, i * h, h, world)
-                y = (y[0], y[1], mrp_inner(y[2]), y[3])
-        r, v, sigma, omega = y
+                y = (y[0], y[1], mrp_inner(y[2]), y[3], y[4])
+        r, v, sigma, omega, dv = y
         if not math.isfinite(dot(r, v) + dot(sigma, omega)):
             raise ValueError("the motion is no longer finite: it met the planet's centre, or max_step is far too long")
         require_outside(r, duration, scene)
@@ -130,6 +138,7 @@ class Spacecraft(KernelModule):
         store3(state.v_BN_N, v)
         store3(state.sigma_BN, sigma)
         store3(state.omega_BN_B, omega)
+        store3(state.dv_BN_N, dv)
 
         store3(out_state.r_BN_N, r)
         store3(out_state.v_BN_N, v)
@@ -138,9 +147,15 @@ class Spacecraft(KernelModule):
         store3(out_state.omegaDot_BN_B, angular_acceleration(r, sigma, omega, world))
         publish(out_state, t_ns)
 
+        accel_N = felt(y, duration, world) if pushed else (0.0, 0.0, 0.0)
+        dcm_BN = mrp_to_dcm(sigma)
+        store3(out_force.accel_BN_B, matvec(dcm_BN, accel_N))
+        store3(out_force.dv_BN_N, dv)
+        publish(out_force, t_ns)
+
         momentum = matvec(inertia, omega)
         out_conserved.energy_orbit = 0.5 * dot(v, v) + field_potential(position_E(r, duration, scene), params)
         store3(out_conserved.momentum_orbit_N, cross(r, v))
         out_conserved.energy_rotation = 0.5 * dot(omega, momentum)
-        store3(out_conserved.momentum_rotation_N, mat_t_vec(mrp_to_dcm(sigma), momentum))
+        store3(out_conserved.momentum_rotation_N, mat_t_vec(dcm_BN, momentum))
         publish(out_conserved, t_ns)

@@ -17,7 +17,7 @@ class World(NamedTuple):
 
     Attributes:
         forces: rows of the forces. torque: CmdTorqueBodyMsg. force: CmdForceBodyMsg. field: MagneticFieldMsg.
-        inverse: inverse of the inertia about B.
+        inverse: inverse of the inertia about B. pushed: whether anything but gravity moves B.
     """
 
     forces: Scene
@@ -25,6 +25,7 @@ class World(NamedTuple):
     force: Row
     field: Row
     inverse: M3
+    pushed: bool
 
 
 @compiled

@@ -68,7 +68,7 @@ class Flight:
         """Record and run."""
         ports: dict[str, OutPort[Any]] = {
             "state": scenario.spacecraft.out_state,
-            "force": scenario.burn.out_force,
+            "force": scenario.spacecraft.out_force,
             "orientation": scenario.orientation.out_orientation,
             "sun": scenario.sun.out_ephemeris,
             "light": scenario.eclipse.out_eclipse,

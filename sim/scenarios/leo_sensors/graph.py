@@ -93,7 +93,7 @@ def build(seed: int = 1) -> LeoSensors:
     """Make the graph; ``seed`` is that of the sensors' noise. Nothing is recorded yet."""
     start = epoch(EPOCH)
     spacecraft = _spacecraft()
-    burn = Burn("burn", Burn.Params(mass=MASS, drag_area=0.1))
+    burn = Burn("burn")
     turning = earth_rotation(start, assumed_parameters(start, 0.0))
     orientation = EarthOrientation("orientation", turning)
     sun = Ephemeris("sun", Ephemeris.Params(epoch_tai_ns=start))
@@ -115,16 +115,15 @@ def build(seed: int = 1) -> LeoSensors:
     css_array = CssArray("css_array")
     simple_nav = SimpleNav("simple_nav", SimpleNav.Params(sigma_r=10.0, sigma_v=0.01, walk_r=0.2))
 
-    for module in (burn, eclipse, atmosphere, field):
+    for module in (eclipse, atmosphere, field):
         spacecraft.out_state.connect(module.in_state)
     for module in (gyro, accelerometer, star_tracker, star_vectors, gps, magnetometer, css_array, simple_nav):
         spacecraft.out_state.connect(module.in_state)
     burn.out_push.connect(spacecraft.in_force, delayed=True)
-    burn.out_force.connect(accelerometer.in_force)
+    spacecraft.out_force.connect(accelerometer.in_force)
     sun.out_ephemeris.connect(spacecraft.in_sun, delayed=True)
     moon.out_ephemeris.connect(spacecraft.in_moon, delayed=True)
     atmosphere.out_atmosphere.connect(spacecraft.in_atmosphere, delayed=True)
-    atmosphere.out_atmosphere.connect(burn.in_atmosphere, delayed=True)
     orientation.out_orientation.connect(atmosphere.in_orientation)
     orientation.out_orientation.connect(field.in_orientation)
     orientation.out_orientation.connect(gps.in_orientation)
