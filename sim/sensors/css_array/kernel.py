@@ -38,8 +38,8 @@ def cell(n_B: V3, sun_B: V3, light: float, nadir_B: V3, shine: float, params: Ro
         params: parameters of the array.
     """
     direct, cosine = 0.0, dot(n_B, sun_B)
-    if cosine >= math.cos(params.fov) and cosine > 0.0:
+    if cosine >= math.cos(params.fov):
         direct = cosine * light
-        if params.kelly_factor > 0.0:
+        if params.kelly_factor > 0.0 and cosine > 0.0:
             direct *= -math.expm1(-(cosine**params.kelly_power) / params.kelly_factor)
     return direct + shine * max(0.0, dot(n_B, nadir_B))

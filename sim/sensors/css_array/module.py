@@ -33,7 +33,7 @@ class CssArray(KernelModule):
 
         normals_B: Annotated[F64, Shape(6, 3), "-", "normals of the cells, any length, B components"] = NORMALS_B
         misalignment_B: Annotated[F64, Shape(6, 3), "rad", "small turn of each cell, B components"] = zeros(6, 3)
-        fov: Annotated[float, "rad", "half angle of the field of view", Bound(gt=0, le=1.5707963267948966)] = (
+        fov: Annotated[float, "rad", "half angle of the field of view", Bound(gt=0, le=3.141592653589793)] = (
             1.3962634015954636
         )
         kelly_power: Annotated[float, "-", "exponent of the fall at grazing light", Bound(gt=0)] = 2.0

@@ -53,7 +53,7 @@ def test_against_basilisk(criterion: Criterion) -> None:
             vrw=0.0,
             brw=0.0,
         )
-        start = Accelerometer.State(bias_P=gain * case.get("senTransBias", 0.0))
+        start = Accelerometer.State(bias_P=gain * np.array(case.get("senTransBias", [0.0, 0.0, 0.0])))
         truth, sensor = Truth("truth"), Accelerometer("accelerometer", params, start)
         truth.out_state.connect(sensor.in_state)
         truth.out_force.connect(sensor.in_force)

@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from messages.base import F64
 from sim.sensors.css_array import CssArray
-from tests.sim.sensors.sensor_rig import AU, Criterion, measure, series
+from tests.sim.sensors.sensor_rig import AU, AVERAGES, Criterion, allan_deviation, measure, series
 
 PERFECT: dict[str, Any] = {"sigma": 0.0, "albedo": 0.0}
 DATA = Path(__file__).parents[2] / "data" / "basilisk_sensors.json"
 
 
 def test_against_basilisk(criterion: Criterion) -> None:
-    """Six copies of each cell; fields of view beyond a right angle are ours at a right angle.
+    """Six copies of each cell.
 
     Basilisk's astronomical unit is 7 m shorter than that of 2012, so the Sun is moved in proportion.
     """
@@ -33,7 +33,7 @@ def test_against_basilisk(criterion: Criterion) -> None:
         scale = case.get("scaleFactor", 1.0)
         params = CssArray.Params(
             normals_B=np.tile(case["nHat_B"], (6, 1)),
-            fov=min(case["fov"], np.pi / 2),
+            fov=case["fov"],
             scale_error=np.full(6, scale - 1.0),
             bias=np.full(6, case.get("albedo", 0.0) + case.get("senBias", 0.0)),
             low=case.get("minOutput", -10.0),
@@ -72,9 +72,17 @@ def test_noise_of_lit_faces(criterion: Criterion) -> None:
     criterion("CSS-3", max(abs(float(mean)), abs(float(np.std(signal) / 0.02 - 1.0))))
 
 
+@pytest.mark.parametrize("dt", [1.0, 0.5])
+def test_allan_deviation(criterion: Criterion, dt: float) -> None:
+    """White: sigma / sqrt(m) for 1 to 256 samples, whatever their interval."""
+    params = CssArray.Params(sigma=0.02, albedo=0.0, normals_B=np.tile([1.0, 1.0, 0.0], (6, 1)))
+    signal = series([CssArray(f"css_{k}", params) for k in range(4)], "signal", dt, 40_000)
+    criterion("CSS-5", max(abs(allan_deviation(signal, m) * np.sqrt(m) / 0.02 - 1.0) for m in AVERAGES))
+
+
 def lambert_sphere(r_B: F64, normal: F64, sun: F64, radius: float) -> float:
     """Irradiance by an integral over the planet: every sunlit element scatters its light evenly (Lambert)."""
-    z, phi = np.meshgrid((np.arange(2000) + 0.5) / 1000 - 1, (np.arange(1000) + 0.5) * 2 * np.pi / 1000)
+    z, phi = np.meshgrid((np.arange(1000) + 0.5) / 500 - 1, (np.arange(500) + 0.5) * 2 * np.pi / 500)
     rho = np.sqrt(1 - z**2)
     up = np.stack([rho * np.cos(phi), rho * np.sin(phi), z], axis=-1).reshape(-1, 3)
     area = 4 * np.pi * radius**2 / len(up)
@@ -126,6 +134,15 @@ def test_fields_of_view_and_grazing_light() -> None:
     assert message.signal[0] == pytest.approx(x * (1 - np.exp(-(x**2) / 0.1)), abs=1e-9)
 
 
+def test_light_from_behind() -> None:
+    """Beyond a right angle the current is negative, and 0 is the lowest reading unless told otherwise."""
+    turned = Rotation.from_euler("z", 100.0, degrees=True).as_mrp()
+    for low, expected in [(-1.0, np.cos(np.radians(100.0))), (0.0, 0.0)]:
+        params = CssArray.Params(**PERFECT, fov=2.0, low=low)
+        message = measure(CssArray("css", params), sigma_BN=turned, r_BN_N=np.array([1.0, 0, 0]))
+        assert message.signal[0] == pytest.approx(expected, abs=1e-9)
+
+
 def test_misaligned_cells_and_steps() -> None:
     """A cell turned by 0.1 rad about z loses 1 - cos(atan 0.1) of its light; readings are multiples of the step."""
     turn = np.zeros((6, 3))
@@ -142,7 +159,7 @@ def test_misaligned_cells_and_steps() -> None:
     [
         ({"normals_B": np.zeros((6, 3))}, "six vectors"),
         ({"high": -1.0}, "more than low"),
-        ({"fov": 2.0}, "<= 1.5708"),
+        ({"fov": 3.2}, "<= 3.14159"),
         ({"albedo": 1.5}, "<= 1"),
     ],
 )

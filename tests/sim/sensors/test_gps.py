@@ -79,6 +79,12 @@ def test_velocity_against_differences(criterion: Criterion) -> None:
 
 
 @pytest.mark.parametrize("dt", [1.0, 0.5])
+def test_allan_deviation_of_velocity(criterion: Criterion, dt: float) -> None:
+    y = series([Gps(f"gps_{k}", Gps.Params(sigma_v=0.05)) for k in range(8)], "v_AE_E", dt, 40_000)
+    criterion("GPS-5", max(abs(allan_deviation(y, m) * np.sqrt(m) / 0.05 - 1.0) for m in AVERAGES))
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.5])
 @pytest.mark.parametrize("kind", ["white", "slow", "walk", "all"])
 def test_allan_deviation(criterion: Criterion, kind: str, dt: float) -> None:
     """Each error alone and all together, averages over 1 to 256 samples (0.05 to 13 correlation times at 1 s)."""

@@ -53,13 +53,17 @@ def angles(params: Gyro.Params, dt: float, steps: int) -> F64:
 
 
 def test_against_basilisk(criterion: Criterion) -> None:
-    """Delta angles of the first case of Basilisk's IMU, and a case turned by hand."""
-    path = Path(__file__).parents[2] / "data" / "basilisk_imu.json"
-    steps: list[dict[str, Any]] = json.loads(path.read_text())["cases"][0]["steps"]
+    """Delta angles of Basilisk's IMU, with bias and scale factor, and a case turned by hand."""
+    path = Path(__file__).parents[2] / "data" / "basilisk_sensors.json"
+    ideal, wrong = json.loads(path.read_text())["imu"]
     worst = 0.0
-    for dcm in (np.eye(3), TURN_P):
-        truth, gyro = Truth("truth"), Gyro("gyro", Gyro.Params(dcm_PB=dcm, arw=0.0, rrw=0.0))
+    for case, dcm in ((ideal, np.eye(3)), (ideal, TURN_P), (wrong, np.eye(3))):
+        gain = np.array(case.get("gyroScale", [1.0, 1.0, 1.0]))
+        params = Gyro.Params(dcm_PB=dcm, arw=0.0, rrw=0.0, misalignment=np.diag(gain - 1.0))
+        start = Gyro.State(bias_P=gain * np.array(case.get("senRotBias", [0.0, 0.0, 0.0])))
+        truth, gyro = Truth("truth"), Gyro("gyro", params, start)
         truth.out_state.connect(gyro.in_state)
+        steps: list[dict[str, Any]] = case["steps"]
         last = 0
         for k, step in enumerate(steps):
             truth.out_state.write(state_of(step["sc"]["sigma_BN"]), step["t"])

@@ -90,14 +90,14 @@ def test_nothing_before_the_first_state() -> None:
 
 
 def test_errors_walk(criterion: Criterion) -> None:
-    """Allan deviation of the position: walk_r's of a sampled random walk, for averages over 1 to 256 samples."""
+    """Allan deviation of the position: a random walk, and a Gauss-Markov error, for averages over 1 to 256 samples."""
     worst = 0.0
-    for dt in (1.0, 0.5):
-        params = SimpleNav.Params(walk_r=0.2, walk_v=1e-3, walk_att=1e-6, walk_rate=1e-7)
+    for dt, walk, sigma in [(1.0, 0.2, 0.0), (0.5, 0.2, 0.0), (1.0, 0.0, 3.0), (0.5, 0.0, 3.0)]:
+        params = SimpleNav.Params(walk_r=walk, sigma_r=sigma, tau=20.0)
         y = series([SimpleNav(f"nav_{k}", params) for k in range(8)], "r_BN_N", dt, 40_000)
 
-        def covariance(i: F64, j: F64, dt: float = dt) -> F64:
-            return 0.04 * dt * np.minimum(i, j)
+        def covariance(i: F64, j: F64, dt: float = dt, walk: float = walk, sigma: float = sigma) -> F64:
+            return walk**2 * dt * np.minimum(i, j) + sigma**2 * np.exp(-np.abs(i - j) * dt / 20.0)
 
         ratios = [allan_deviation(y, m) / allan_of(covariance, m) for m in AVERAGES]
         worst = max(worst, *(abs(r - 1.0) for r in ratios))

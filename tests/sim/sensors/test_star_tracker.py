@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from fsw import Module, Out, Simulation, Task, s
 from messages.base import F64
 from messages.states import SCStatesMsg
 from sim.sensors.star_tracker import StarTracker
+from tests.sim.sensors.sensor_rig import AVERAGES, allan_deviation, series
 
 Criterion = Callable[[str, float], None]
 MOUNTING = Rotation.from_euler("xyz", [30.0, -50.0, 110.0], degrees=True).as_matrix()
@@ -70,6 +72,19 @@ def test_noise(criterion: Criterion) -> None:
     unit = error / np.array([2e-5, 2e-5, 1.5e-4])
     assert abs(unit.mean(axis=0)).max() < 4 / np.sqrt(len(unit))
     criterion("STAR-2", float(np.max(np.abs(unit.T @ unit / len(unit) - np.eye(3)))))
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.5])
+def test_allan_deviation(criterion: Criterion, dt: float) -> None:
+    """White about each axis of the case, whatever the interval; 24 trackers side by side."""
+    params = StarTracker.Params(sigma_cross=2e-5, sigma_roll=1.5e-4)
+    y = series([StarTracker(f"star_{k}", params) for k in range(24)], "beta_SN", dt, 40_000)
+    turn = 2.0 * y.reshape(len(y), 24, 4)[:, :, 1:]  # small angles about an attitude of zero
+    worst = 0.0
+    for axis, sigma in enumerate((2e-5, 2e-5, 1.5e-4)):
+        ratios = [allan_deviation(turn[:, :, axis], m) * np.sqrt(m) / sigma for m in AVERAGES]
+        worst = max(worst, *(abs(r - 1.0) for r in ratios))
+    criterion("STAR-3", worst)
 
 
 def test_turning_too_fast() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from messages.base import F64
 from sim.sensors.star_vectors import CAPACITY, StarVectors, catalogue
 from sim.sensors.starlight import C_LIGHT
-from tests.sim.sensors.sensor_rig import Criterion, measure, series
+from tests.sim.sensors.sensor_rig import AVERAGES, Criterion, allan_deviation, measure, series
 
 RNG = np.random.default_rng(11)
 SKY = RNG.normal(size=(5000, 3))
@@ -67,6 +67,16 @@ def test_noise(criterion: Criterion) -> None:
     error = ((s_S[..., :2] / s_S[..., 2:] - near[:, :2]) / 3e-5).reshape(-1, 4)
     assert np.max(np.abs(error.mean(axis=0))) < 4 / np.sqrt(len(error))
     criterion("STARS-2", float(np.max(np.abs(error.T @ error / len(error) - np.eye(4)))))
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.5])
+def test_allan_deviation(criterion: Criterion, dt: float) -> None:
+    """White, whatever the interval: the image coordinates of 12 stars in one field."""
+    near = np.column_stack([np.linspace(-0.05, 0.05, 12), np.linspace(0.05, -0.02, 12), np.ones(12)])
+    params = StarVectors.Params(**catalogue(near, np.arange(12.0) / 10.0), sigma=3e-5)
+    s_S = series([StarVectors("stars", params)], "s_S", dt, 40_000, r_BN_N=R).reshape(-1, 16, 3)[:, :12]
+    image = (s_S[..., :2] / s_S[..., 2:]).reshape(-1, 24)
+    criterion("STARS-3", max(abs(allan_deviation(image, m) * np.sqrt(m) / 3e-5 - 1.0) for m in AVERAGES))
 
 
 def test_misalignment_and_steps() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import erfa
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from messages.base import F64
 from sim.sensors.star_tracker import StarTracker
 from sim.sensors.starlight import C_LIGHT, aberrated
-from tests.sim.sensors.sensor_rig import AU, measure
+from tests.sim.sensors.sensor_rig import AU, Criterion, measure
+
+ERFA: Any = erfa
 
 QUIET: dict[str, Any] = {"sigma_cross": 0.0, "sigma_roll": 0.0}
 
@@ -37,6 +40,18 @@ def test_aberration_against_lorentz() -> None:
             u, beta = u / np.linalg.norm(u), speed * beta / np.linalg.norm(beta)
             seen = np.array(aberrated(tuple(u.tolist()), tuple(beta.tolist())))
             np.testing.assert_allclose(seen, boosted(u, beta), atol=4e-16)
+
+
+def test_aberration_against_erfa(criterion: Criterion) -> None:
+    """Without the bending of light by the Sun, which ERFA has in the same function: the Sun is put very far away."""
+    rng, worst = np.random.default_rng(3), 0.0
+    for _ in range(200):
+        u, beta = rng.normal(size=3), rng.normal(size=3) * 1e-4
+        u /= np.linalg.norm(u)
+        seen = np.array(aberrated(tuple(u.tolist()), tuple(beta.tolist())))
+        expected = ERFA.ab(u, beta, 1e30, np.sqrt(1.0 - beta @ beta))
+        worst = max(worst, float(np.max(np.abs(seen - expected))))
+    criterion("STAR-4", worst)
 
 
 def exposed(angle: float, where: str, exclusion: float) -> bool:
