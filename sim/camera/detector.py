@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated, Any, NamedTuple
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
@@ -103,28 +102,33 @@ def expose(radiance: F32, params: DetectorParams, stream: U64) -> U8:
         ]
     )
     table = _tone(params.bits, params.gamma)
-    with np.errstate(over="ignore"):  # the words of a stream wrap around; this is for uncompiled runs
+    struck = np.zeros_like(light) if rays > 0.0 else np.zeros((1, 1), np.float32)
+    with _wrapping():
         kernel.split(stream, streams)
-        struck = np.zeros((1, 1), np.float32)
         if rays > 0.0:
-            struck = np.zeros_like(light)
             kernel.cosmic_rays(streams[-1], rays, params.cosmic_signal, channels, struck)
 
-        def share(first: int) -> int:
-            bad = 0
-            for k in range(first, len(bands), WORKERS):
-                part = slice(bands[k], bands[k] + BAND)
-                hits = struck[part] if rays > 0.0 else struck
-                where = light[part], pattern.response[part], pattern.dark[part], hits
+    def share(first: int) -> int:
+        bad = 0
+        for k in range(first, len(bands), WORKERS):
+            part = slice(bands[k], bands[k] + BAND)
+            hits = struck[part] if rays > 0.0 else struck
+            where = light[part], pattern.response[part], pattern.dark[part], hits
+            with _wrapping():
                 bad += kernel.expose_band(*where, numbers, table, streams[k], out[part])
-            return bad
+        return bad
 
-        with ThreadPoolExecutor(WORKERS) as pool:
-            bad = sum(pool.map(share, range(WORKERS)))
+    with ThreadPoolExecutor(WORKERS) as pool:
+        bad = sum(pool.map(share, range(WORKERS)))
     if bad:
         text = f"{bad} values that are negative, NaN or infinite; a renderer must not make such"
         raise ValueError(f"expose: radiance: expected finite light of at least 0, got {text}")
     return out.reshape(radiance.shape)
+
+
+def _wrapping() -> np.errstate:
+    """Lets the words of a stream wrap around without a warning, which uncompiled runs would give."""
+    return np.errstate(over="ignore")
 
 
 def blurred(light: F32, sigma_px: float) -> F32:
@@ -144,7 +148,7 @@ def blurred(light: F32, sigma_px: float) -> F32:
 @functools.lru_cache(8)
 def _tone(bits: int, gamma: float) -> U8:
     """Grey level of eight bits for each level of the converter, (2^bits,)."""
-    level = np.arange(2**bits) / (2**bits - 1)
+    level = np.linspace(0.0, 1.0, 2**bits)
     return np.rint(255.0 * level ** (1.0 / gamma)).astype(np.uint8)
 
 
@@ -169,11 +173,9 @@ def _pattern(fixed: _Fixed, rows: int, columns: int, channels: int) -> Pattern:
     """Response and dark signal of each pixel, (rows, columns * channels); each colour has its own defects."""
     rng = np.random.default_rng(fixed.pattern_seed)
     size = (rows, columns, channels)
-    y, x = (
-        np.mgrid[-1.0 : 1.0 : rows * 1j, -1.0 : 1.0 : columns * 1j] if rows > 1 and columns > 1 else np.zeros((2, 1, 1))
-    )
-    half = np.array([rows - 1, columns - 1]) / 2.0
-    square = ((y * half[0]) ** 2 + (x * half[1]) ** 2) / max(float(half @ half), 1e-300)
+    y, x = np.arange(rows) - (rows - 1) / 2.0, np.arange(columns) - (columns - 1) / 2.0
+    square = (y * y)[:, None] + x * x
+    square /= max(float(square[0, 0]), 0.5)  # 1 in the corners
     response = np.broadcast_to((1.0 - fixed.vignetting * square)[..., None], size).copy()
     if fixed.response_sigma > 0.0:
         response *= np.maximum(1.0 + fixed.response_sigma * rng.standard_normal(size), 0.0)
