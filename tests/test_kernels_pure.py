@@ -20,9 +20,11 @@ from scipy.spatial.transform import Rotation
 import modules
 import sim
 from fsw import In, KernelModule, Message, Module, Out, OutPort, Record, Row, publish, s
+from fsw.math.camera import UNLIMITED
 from fsw.math.compiled import COMPILE
 from fsw.streams import stream_words
 from messages.base import F64, Field, fields_of
+from sim.camera.landmark_oracle import LandmarkOracle
 
 ULPS = 2.0
 """Units in the last place of an array's largest element by which compiled and plain code may differ.
@@ -31,7 +33,11 @@ Both do the same IEEE operations in the same order, and nearly always agree to t
 constants or use another library's sine, which moves an intermediate result by one unit; sums pass that on.
 """
 
-PARAMS: dict[str, Callable[[], Record]] = {}
+PARAMS: dict[str, Callable[[], Record]] = {
+    "LandmarkOracle.Params": lambda: LandmarkOracle.Params(
+        lens=np.array([500.0, 500.0, 511.5, 511.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, UNLIMITED])
+    )
+}
 """Parameters and states by ``Class.Params`` or ``Class.State``, where the rules below cannot make them."""
 
 
