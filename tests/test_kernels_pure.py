@@ -34,8 +34,8 @@ constants or use another library's sine, which moves an intermediate result by o
 """
 
 PARAMS: dict[str, Callable[[], Record]] = {
-    "LandmarkOracle.Params": lambda: LandmarkOracle.Params(
-        lens=np.array([500.0, 500.0, 511.5, 511.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, UNLIMITED])
+    "LandmarkOracle.Params": lambda: LandmarkOracle.Params(  # so wide that the Earth is in view whatever the attitude
+        lens=np.array([50.0, 50.0, 511.5, 511.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, UNLIMITED])
     )
 }
 """Parameters and states by ``Class.Params`` or ``Class.State``, where the rules below cannot make them."""
