@@ -227,13 +227,18 @@ def test_compiled_and_plain_agree(cls: type[KernelModule]) -> None:
 
 
 def published_numbers(rig: Rig, seen: dict[str, int]) -> set[str]:
-    """Fields with finite numbers in the outputs written since ``seen``, of those that do not say invalid."""
+    """Fields with finite numbers in the outputs written since ``seen``, of those that do not say invalid.
+
+    Lists are looked at as far as their ``count``.
+    """
     good: set[str] = set()
     for name, declared in type(rig.module).ports.items():
         if isinstance(declared, Out) and vars(rig.module)[name].seq > seen[name]:
             row = vars(rig.module)[name].row
             if "valid" not in row.dtype.names or row["valid"][0]:
-                good |= {f"{name}.{f}" for f, x in leaves(row) if x.dtype.kind == "f" and np.all(np.isfinite(x))}
+                held = slice(int(row["count"][0])) if "count" in row.dtype.names else slice(None)
+                floats = {f: x[:, held] if x.ndim > 1 else x for f, x in leaves(row) if x.dtype.kind == "f"}
+                good |= {f"{name}.{f}" for f, x in floats.items() if x.size and np.all(np.isfinite(x))}
     return good
 
 
