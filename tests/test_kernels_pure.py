@@ -75,6 +75,8 @@ def plausible(field: Field, rng: np.random.Generator) -> Any:
         return root @ root.T + np.eye(shape[0])
     size = 7e6 if name.startswith("r_") else 7e3 if name.startswith("v_") else 0.01
     value = size * rng.uniform(0.2, 1.0, shape) * rng.choice([-1.0, 1.0], shape)
+    if name.startswith("r_"):  # a position in orbit, above the ground
+        value *= max(1.0, 7e6 / float(np.linalg.norm(value)))
     limits = dict(field.bound.limits) if field.bound else {}
     if limits:
         low = max(limits.get(">", -np.inf), limits.get(">=", -np.inf))
