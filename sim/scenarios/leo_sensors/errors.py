@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtr
 
 from fsw import OutPort, Recording, minutes
 from messages.base import F64
@@ -31,8 +32,9 @@ class Compared:
         unit: of measured and true.
         error: (n, m), not always their difference.
         error_unit: of the error.
-        expected: standard deviation of the error that the parameters stand for, of each column or of all; NaN for none.
-        offset: mean of the error that they stand for, of the same shape.
+        expected: size of the error that the parameters stand for, about its mean: of each column or of all, (m,) or
+            (1,); or of each sample, (n, 1).
+        offset: mean of the error that they stand for, (m,) or (1,).
     """
 
     title: str
@@ -52,7 +54,7 @@ class Compared:
 
     @property
     def expected_rms(self) -> float:
-        """What the root mean square should be; NaN if that is not known."""
+        """What the root mean square should be."""
         return float(np.sqrt(np.mean(self.expected**2) + np.mean(self.offset**2)))
 
     @property
@@ -131,9 +133,10 @@ class Flight:
         )
 
     def simple_nav(self) -> Compared:
-        """Position in N; how far a walk has come by now is not known."""
-        record = self.records["simple_nav"]
+        """Position in N; what is expected of a walk grows with time."""
+        record, params = self.records["simple_nav"], self.scenario.simple_nav.params
         true, measured = self.at("state", "r_BN_N", record.t_ns), record["r_BN_N"]
+        expected = np.sqrt(params.sigma_r**2 + params.walk_r**2 * record.t_s)[:, None]
         return Compared(
             "Navigation stand-in, position",
             record.t_s / 60.0,
@@ -142,7 +145,7 @@ class Flight:
             "km",
             measured - true,
             "m",
-            np.array([np.nan]),
+            expected,
         )
 
     def gyro(self) -> Compared:
@@ -212,13 +215,16 @@ class Flight:
         true = np.einsum("nij,nkj->nki", dcm_SN, u_N)
         image = (record["s_S"][..., :2] / record["s_S"][..., 2:] - true[..., :2] / true[..., 2:]) / ARCSEC
         error = np.where(in_view[..., None], image, np.nan).reshape(len(record), -1)
-        count = record["count"].astype(np.float64)[:, None]
+        bright = params.s_N[: params.stars]
+        towards_N = dcm_SN[:, 2] - v_N / C_LIGHT  # stars are seen displaced, so that the field is of other stars
+        cosine = towards_N @ bright.T / np.linalg.norm(towards_N, axis=1)[:, None]
+        there = np.sum(cosine >= np.cos(params.fov), axis=1)[:, None]
         return Compared(
-            "Star vectors; no stars while the Sun is within 35 degrees of the boresight",
+            "Star vectors: at most 16 stars, none while the Sun is within 35 degrees of the boresight",
             record.t_s / 60.0,
-            count,
-            np.full_like(count, np.nan),
-            "stars in view",
+            record["count"].astype(np.float64)[:, None],
+            there.astype(np.float64),
+            "stars",
             error,
             "arcsec",
             np.array([params.sigma / ARCSEC]),
@@ -248,22 +254,32 @@ class Flight:
         )
 
     def css_array(self) -> Compared:
-        """Currents, against sunlight without earthshine; noise alone is expected, earthshine comes on top."""
+        """Currents, against those of sunlight and earthshine (spec, Eq. 1 to 3).
+
+        What is expected is the noise cut off at 0: of a current of mu, E(max(0, mu + sigma n) - mu)^2, mean of all.
+        """
         record, params = self.records["css_array"], self.scenario.css_array.params
         t_ns = record.t_ns
         to_sun = self.at("sun", "r_PN_N", t_ns) - self.at("state", "r_BN_N", t_ns)
         distance = np.linalg.norm(to_sun, axis=1)[:, None]
         cosine = self.body(t_ns).inv().apply(to_sun / distance) @ NORMALS_B.T
         light = (AU / distance) ** 2 * self.at("light", "illumination", t_ns)[:, None]
-        true = np.where(cosine >= np.cos(params.fov), cosine, 0.0) * light
-        measured = record["signal"]
+        up = self.at("state", "r_BN_N", t_ns)
+        r, sun = np.linalg.norm(up, axis=1)[:, None], self.at("sun", "r_PN_N", t_ns)
+        noon = np.sum(up * sun, axis=1)[:, None] / r / np.linalg.norm(sun, axis=1)[:, None]
+        shine = params.albedo * (params.radius / r) ** 2 * np.maximum(noon, 0.0) * (AU / distance) ** 2
+        down = np.maximum(self.body(t_ns).inv().apply(-up / r) @ NORMALS_B.T, 0.0)
+        true = np.where(cosine >= np.cos(params.fov), cosine, 0.0) * light + shine * down
+        measured, level = record["signal"], true / params.sigma
+        below, density = ndtr(-level), np.exp(-0.5 * level**2) / np.sqrt(2.0 * np.pi)
+        square = params.sigma**2 * (1.0 - below - level * density) + true**2 * below
         return Compared(
-            "Coarse Sun sensors against sunlight; +z looks down into earthshine",
+            "Coarse Sun sensors in sunlight; +z looks down into earthshine",
             record.t_s / 60.0,
             measured,
             true,
             "full Sun",
             measured - true,
             "full Sun",
-            np.array([params.sigma]),
+            np.array([np.sqrt(square.mean())]),
         )
