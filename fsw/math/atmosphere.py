@@ -53,7 +53,7 @@ def exponential_density(height: float, base: F64, density: F64, scale_height: F6
 def height_above_spheroid(r: float, z: float, radius: float, flattening: float) -> float:
     """Height along the radius above a flattened planet, m.
 
-    It exceeds the geodetic height by h (f sin 2 lat)^2 / 2 at most: 3 m at 500 km above the Earth.
+    It exceeds the geodetic height by h (f sin 2 lat)^2 / 2 at most: 3 m at 500 km above the Earth. NaN at the centre.
 
     Args:
         r: distance from the centre, m.
@@ -61,6 +61,6 @@ def height_above_spheroid(r: float, z: float, radius: float, flattening: float) 
         radius: of the equator, m.
         flattening: of the spheroid.
     """
-    sine = z / r
+    sine = z / r if r > 0.0 else math.nan
     polar = 1.0 - flattening
     return r - radius * polar / math.sqrt(polar * polar * (1.0 - sine * sine) + sine * sine)

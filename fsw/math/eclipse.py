@@ -60,4 +60,4 @@ def visible_fraction(sun: V3, sun_radius: float, body: V3, body_radius: float) -
     half = math.sin(0.5 * a)
     hidden = cap_overlap(a, b, c) / (4.0 * math.pi * half * half)
     light = 1.0 - hidden
-    return 0.0 if light < 0.0 else 1.0 if light > 1.0 else light  # keeps a NaN, which min and max may not
+    return 0.0 if light < 0.0 else min(light, 1.0)

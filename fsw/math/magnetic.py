@@ -53,9 +53,11 @@ def harmonic_field(r: V3, radius: float, degree: int, g: F64, h: F64) -> V3:
         h: sine coefficients, likewise.
 
     Returns:
-        Flux density in the unit of the coefficients, E components.
+        Flux density in the unit of the coefficients, E components; NaN at the centre.
     """
     length = math.sqrt(dot(r, r))
+    if not length > 0.0:
+        return (math.nan, math.nan, math.nan)
     s, t, u = r[0] / length, r[1] / length, r[2] / length
     q = radius / length
     uq, qq = u * q, q * q
@@ -96,7 +98,7 @@ def harmonic_field(r: V3, radius: float, degree: int, g: F64, h: F64) -> V3:
 
 @compiled
 def dipole_field(r: V3, radius: float, moment: V3) -> V3:
-    """Flux density at ``r`` of a dipole at the centre: (a/r)^3 (3 (m.u) u - m), u = r/abs(r).
+    """Flux density at ``r`` of a dipole at the centre: (a/r)^3 (3 (m.u) u - m), u = r/abs(r); NaN at the centre.
 
     Args:
         r: position, m.
@@ -104,6 +106,8 @@ def dipole_field(r: V3, radius: float, moment: V3) -> V3:
         moment: (g11, h11, g10), T, in the same components as ``r``.
     """
     length = math.sqrt(dot(r, r))
+    if not length > 0.0:
+        return (math.nan, math.nan, math.nan)
     u = scale(1.0 / length, r)
     q = radius / length
     q3, along = q * q * q, 3.0 * dot(moment, u)
@@ -121,9 +125,10 @@ def tangential_field(r: V3, pole: V3, strength: float, dip: float) -> V3:
         dip: angle below the horizontal, rad; positive points down in both hemispheres.
 
     Returns:
-        The field; NaN within 1e-6 rad of a pole, where north is not defined.
+        The field; NaN at the centre and within 1e-6 rad of a pole, where north is not defined.
     """
-    u = scale(1.0 / math.sqrt(dot(r, r)), r)
+    radius = math.sqrt(dot(r, r))
+    u = scale(1.0 / radius if radius > 0.0 else math.nan, r)
     k = dot(pole, u)
     north = (pole[0] - k * u[0], pole[1] - k * u[1], pole[2] - k * u[2])
     length = math.sqrt(dot(north, north))

@@ -33,14 +33,16 @@ class Atmosphere(KernelModule):
 
         def __post_init__(self) -> None:
             """Fill in the Earth's bands where none are given, and check their order."""
-            if not np.any(self.scale_height):
+            names = ("base_height", "density", "scale_height")
+            if not any(np.any(getattr(self, name)) for name in names):
                 table = EARTH_BANDS * np.array([1e3, 1.0, 1e3])
-                for k, name in enumerate(("base_height", "density", "scale_height")):
+                for k, name in enumerate(names):
                     msgspec.structs.force_setattr(self, name, table[:, k].copy())
             super().__post_init__()
-            if np.any(np.diff(self.base_height[: self.bands]) <= 0.0):
+            heights = self.base_height[: self.bands]
+            if np.any(np.diff(heights) <= 0.0):
                 raise ValueError(
-                    f"Atmosphere.Params.base_height: expected ascending heights (m), got {self.base_height[: self.bands].tolist()}"
+                    f"Atmosphere.Params.base_height: expected ascending heights (m), got {heights.tolist()}"
                 )
             if np.any(self.scale_height[: self.bands] <= 0.0):
                 raise ValueError("Atmosphere.Params.scale_height: expected > 0 (m) in every used band")

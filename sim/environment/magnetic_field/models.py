@@ -80,8 +80,8 @@ def _check_pairs(pairs: list[tuple[int, int]], degree: int) -> None:
         raise ValueError(f"degree {degree}")
     expected = {(n, m) for n in range(1, degree + 1) for m in range(-n, n + 1)}
     if len(pairs) != len(expected) or set(pairs) != expected:
-        text = f"degree {degree} has {len(expected)} coefficients, found {len(set(pairs) & expected)} of them"
-        raise ValueError(f"{text} in {len(pairs)} lines")
+        text = f"degree {degree} has {len(expected)} of them, each once"
+        raise ValueError(f"{text}; found {len(set(pairs) & expected)}, and {len(pairs)} in all")
 
 
 def igrf14() -> Model:

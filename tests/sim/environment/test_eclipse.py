@@ -141,7 +141,8 @@ def test_light_is_monotonic_across_the_shadow() -> None:
 def test_planar_formula_differs_by_the_curvature() -> None:
     """A circle of radius b on the sphere has the curvature cot b, on a plane 1/b.
 
-    Over the Sun's disk that adds up to a (1/b - cot b) / (3 pi), to first order in a: 2e-4 in low orbit, 3e-6 at the Moon.
+    Over the Sun's disk that adds up to a (1/b - cot b) / (3 pi), to first order in a: 2e-4 in low orbit, 3e-6 at the
+    Moon.
     """
     for distance in (R_EARTH + 4e5, 3.6e8):
         a, b = math.asin(R_SUN / AU), math.asin(R_EARTH / distance)
