@@ -31,6 +31,7 @@ __all__ = [
     "Vec3",
     "Vec4",
     "eye",
+    "ones",
     "unseeded",
     "zeros",
 ]
@@ -80,6 +81,11 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
 def zeros(*dims: int) -> F64:
     """Read-only zeros of the given shape: the default of an array field."""
     return _frozen(np.zeros(dims))
+
+
+def ones(*dims: int) -> F64:
+    """Read-only ones of the given shape: the default of an array field of factors."""
+    return _frozen(np.ones(dims))
 
 
 def eye(n: int) -> F64:

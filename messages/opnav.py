@@ -7,7 +7,22 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, ObjectMessage, Shape, Vec2, Vec3, Vec4, eye, zeros
+from messages.base import (
+    F64,
+    Bound,
+    Mat3,
+    Mat6,
+    Message,
+    NanOk,
+    ObjectMessage,
+    Shape,
+    Vec2,
+    Vec3,
+    Vec4,
+    eye,
+    ones,
+    zeros,
+)
 
 MAX_LANDMARKS = 1024
 """Capacity of `LandmarksMsg`."""
@@ -35,6 +50,10 @@ class CameraConfigMsg(Message):
     skew_px: Annotated[float, "px", "skew of the pixel axes"] = 0.0
     distortion: Annotated[F64, Shape(5), "-", "k1, k2, p1, p2, k3 of Brown (1971), in OpenCV's order"] = zeros(5)
     dcm_CB: Annotated[F64, Shape(3, 3), "-", "maps body to camera components"] = eye(3)
+    chromatic: Annotated[Vec3, "-", "scale of the red, green and blue image about the principal point", Bound(gt=0)] = (
+        ones(3)
+    )
+    chromatic_k1: Annotated[Vec3, "-", "what red, green and blue add to k1"] = zeros(3)
 
 
 class PosePriorMsg(Message):

@@ -37,6 +37,22 @@ def lens_vector(camera: CameraConfigMsg) -> F64:
     return np.array([*head, monotonic_limit(float(k1), float(k2), float(k3))])
 
 
+def channel_lens(camera: CameraConfigMsg, channel: int) -> F64:
+    """The lens of one colour, 0 red, 1 green, 2 blue: lateral chromatic aberration moves its image along the radius.
+
+    Focal lengths and skew are scaled by ``chromatic``, which scales the image about the principal point, and k1 grows
+    by ``chromatic_k1``.
+
+    Returns:
+        As `lens_vector`, shape (11,).
+    """
+    lens = lens_vector(camera)
+    scale, k1 = float(camera.chromatic[channel]), float(lens[5] + camera.chromatic_k1[channel])
+    lens[[0, 1, 4]] *= scale
+    lens[5], lens[S_MAX] = k1, monotonic_limit(k1, float(lens[6]), float(lens[9]))
+    return lens
+
+
 def monotonic_limit(k1: float, k2: float, k3: float) -> float:
     """Largest squared tangent s up to which r (1 + k1 s + k2 s^2 + k3 s^3), s = r^2, grows with r.
 
