@@ -13,7 +13,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import closed_loop, dispatch, start
+from benchmarks import closed_loop, dispatch, modules, start
 from benchmarks.timing import Figure, Line
 
 
@@ -25,13 +25,14 @@ class Report(msgspec.Struct, frozen=True):
     python: str
     lines: list[Line]
     agreement: dict[str, dict[str, float]]
+    differences: list[modules.Difference]
 
 
 def text(figure: Figure | None, unit: str) -> str:
     """Least and median of a figure for people."""
     if figure is None:
         return "-"
-    digits = 2 if unit == "s" else 1
+    digits = {"s": 2, "µs": 3}.get(unit, 1)
     return f"{figure.least:,.{digits}f} / {figure.median:,.{digits}f}"
 
 
@@ -39,7 +40,7 @@ def verdict(line: Line) -> str:
     """How a line stands to its bar."""
     if line.passed is None or line.judged is None:
         return line.rule
-    reached = {"ns": f"{line.judged:,.1f} ns", "s": f"{line.judged:.2f} s"}[line.unit]
+    reached = f"{text(Figure(line.judged, line.judged), line.unit).split(' / ')[0]} {line.unit}"
     if "times" in line.rule:
         reached = f"{1.0 / line.judged:.1f} times"
     elif "%" in line.rule:
@@ -66,35 +67,51 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--repeats", type=int, default=7, help="how often each is measured (default 7)")
     parser.add_argument("--scale", type=float, default=1.0, help="of the number of ticks; 0.01 for a quick trial")
     parser.add_argument("--no-start", action="store_true", help="leave out the starts, which take most of the time")
+    parser.add_argument("--quick", action="store_true", help="as --no-start --repeats 3 --scale 0.1")
+    parser.add_argument("--only", choices=("all", "framework", "truth"), default="all", help="which half to measure")
     given = parser.parse_args(arguments)
+    if given.quick:
+        given.no_start, given.repeats, given.scale = True, 3, 0.1
     if given.repeats < 1 or not 0.0 < given.scale <= 100.0:
         parser.error("--repeats must be at least 1 and --scale between 0 and 100")
     basilisk = importlib.util.find_spec("Basilisk") is not None
     console = Console() if sys.stdout.isatty() else Console(width=150)
     if not basilisk:
         console.print("Basilisk is not installed (pip install bsk==2.12.1, or make bench): only this side is measured")
+    lines: list[Line] = []
     agreement: dict[str, dict[str, float]] = {}
+    differences: list[modules.Difference] = []
     with console.status("") as status:
-        status.update("dispatch")
-        lines = dispatch.measure(given.repeats, given.scale, basilisk=basilisk)
-        status.update("closed loop")
-        lines += closed_loop.measure(given.repeats, given.scale, basilisk=basilisk)
-        if basilisk:
-            status.update("do both sides compute the same?")
-            point = msgspec.structs.replace(closed_loop.same_case(), j2=0.0)
-            agreement = {"with J2": closed_loop.agreement(), "without J2": closed_loop.agreement(case=point)}
-        if not given.no_start:
+        if given.only != "truth":
+            status.update("dispatch")
+            lines += dispatch.measure(given.repeats, given.scale, basilisk=basilisk)
+            status.update("closed loop")
+            lines += closed_loop.measure(given.repeats, given.scale, basilisk=basilisk)
+            if basilisk:
+                status.update("do both sides compute the same?")
+                point = msgspec.structs.replace(closed_loop.same_case(), j2=0.0)
+                agreement = {"with J2": closed_loop.agreement(), "without J2": closed_loop.agreement(case=point)}
+        if given.only != "framework":
+            status.update("spacecraft, environment and sensors")
+            lines += modules.measure(given.repeats, given.scale, basilisk=basilisk)
+            if basilisk:
+                status.update("do both sides compute the same?")
+                differences = modules.agreement(min(given.scale, 1.0))
+        if given.only != "truth" and not given.no_start:
             status.update("start")
             lines += start.measure(given.repeats, basilisk=basilisk)
-    report = Report(
-        platform.processor() or platform.machine(), os.cpu_count() or 1, platform.python_version(), lines, agreement
-    )
+    machine, cores = platform.processor() or platform.machine(), os.cpu_count() or 1
+    report = Report(machine, cores, platform.python_version(), lines, agreement, differences)
     console.print(table(report))
     if agreement:
         console.print(f"Both sides without noise after {closed_loop.AGREE_TICKS} ticks of 0.1 s, greatest difference:")
     for case, found in agreement.items():
         units = {"r_BN_N": "m", "v_BN_N": "m/s", "pointing_error": "rad (ours)"}
         console.print(f"  {case}: " + ", ".join(f"{n} {v:.2g} {units.get(n, 'MRP')}" for n, v in found.items()))
+    if differences:
+        console.print("Truth of both sides without noise over an orbit, greatest difference and greatest value:")
+    for item in differences:
+        console.print(f"  {item.name}: {item.largest:.2g} of {item.size:.3g} {item.unit}")
     if given.json is not None:
         given.json.write_bytes(msgspec.json.format(msgspec.json.encode(report)))
     return 0 if all(line.passed is not False for line in lines) else 1

@@ -124,14 +124,14 @@ class ClosedLoop:
         craft.hub.IHubPntBc_B = case.inertia_B.tolist()
         craft.hub.r_CN_NInit, craft.hub.v_CN_NInit = case.r_BN_N, case.v_BN_N
         craft.hub.sigma_BNInit, craft.hub.omega_BN_BInit = case.sigma_BN, case.omega_BN_B
-        self._bodies = _earth(craft, case)
+        self._bodies = earth(craft, case)
         nav = self._add(simpleNav.SimpleNav())
         imu = self._add(imuSensor.ImuSensor())
         tracker = self._add(starTracker.StarTracker())
         for sensor in (nav, imu, tracker):
             sensor.scStateInMsg.subscribeTo(craft.scStateOutMsg)
-        if noise:
-            _noise(nav, imu, tracker)
+            if noise:
+                add_noise(sensor)
         hill = self._add(hillPoint.hillPoint())
         hill.transNavInMsg.subscribeTo(nav.transOutMsg)
         self.error = self._add(attTrackingError.attTrackingError())
@@ -171,27 +171,43 @@ class ClosedLoop:
         return {name: np.array(value) for name, value in values.items()}
 
 
-def _earth(craft: Any, case: Case) -> Any:
-    """Attach a planet with J2 only; Basilisk takes normalised coefficients."""
+def earth(craft: Any, case: Case) -> Any:
+    """Attach a planet that does not turn, with J2 or the harmonics of the case; Basilisk takes them normalised."""
+    from Basilisk.architecture import messaging
     from Basilisk.simulation import sphericalHarmonicsGravityModel
     from Basilisk.utilities import simIncludeGravBody
 
     factory = simIncludeGravBody.gravBodyFactory()
-    earth = factory.createEarth()
-    earth.isCentralBody = True
-    earth.mu = case.mu
+    body = factory.createEarth()
+    body.isCentralBody = True
+    body.mu = case.mu
     model = sphericalHarmonicsGravityModel.SphericalHarmonicsGravityModel()
-    model.radEquator, model.muBody, model.maxDeg = case.radius, case.mu, 2
+    model.radEquator, model.muBody, model.maxDeg = case.radius, case.mu, max(case.degree, 2)
     model.cBar = [[1.0], [0.0, 0.0], [-case.j2 / math.sqrt(5.0), 0.0, 0.0]]
     model.sBar = [[0.0], [0.0, 0.0], [0.0, 0.0, 0.0]]
-    earth.gravityModel = model
+    if case.C is not None and case.S is not None:
+        model.cBar = [case.C[n, : n + 1].tolist() for n in range(case.degree + 1)]
+        model.sBar = [case.S[n, : n + 1].tolist() for n in range(case.degree + 1)]
+    body.gravityModel = model
     factory.addBodiesTo(craft)
-    return factory
+    still = messaging.SpicePlanetStateMsgPayload(PlanetName="earth", J20002Pfix=np.eye(3).tolist())
+    message = messaging.SpicePlanetStateMsg().write(still)
+    if case.degree:  # Basilisk warns if it is not told how such a field is turned
+        body.planetBodyInMsg.subscribeTo(message)
+    return factory, message
 
 
-def _noise(nav: Any, imu: Any, tracker: Any) -> None:
-    nav.PMatrix, nav.walkBounds = np.diag([1e-6] * 18).tolist(), [1e-4] * 18
-    imu.PMatrixGyro, imu.PMatrixAccel = np.diag([1e-6] * 3).tolist(), np.diag([1e-5] * 3).tolist()
-    imu.setErrorBoundsGyro([1e-4] * 3)
-    imu.setErrorBoundsAccel([1e-3] * 3)
-    tracker.PMatrix, tracker.walkBounds = np.diag([1e-6] * 3).tolist(), [1e-4] * 3
+def add_noise(module: Any) -> None:
+    """Switch the noise on if the module is a sensor; its size does not matter here."""
+    kind = type(module).__name__
+    if kind == "ImuSensor":
+        module.PMatrixGyro, module.PMatrixAccel = np.diag([1e-6] * 3).tolist(), np.diag([1e-5] * 3).tolist()
+        module.setErrorBoundsGyro([1e-4] * 3)
+        module.setErrorBoundsAccel([1e-3] * 3)
+    elif kind == "Magnetometer":
+        module.senNoiseStd = [[1e-7]] * 3
+    elif kind == "CoarseSunSensor":
+        module.senNoiseStd = 0.02
+    elif kind in {"SimpleNav", "StarTracker"}:
+        size = {"SimpleNav": 18, "StarTracker": 3}[kind]
+        module.PMatrix, module.walkBounds = np.diag([1e-6] * size).tolist(), [1e-4] * size

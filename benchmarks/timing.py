@@ -72,6 +72,15 @@ def timed(run: Callable[[int], object], ticks: int) -> float:
     return (time.process_time_ns() - started) / ticks
 
 
+def slope_figure(many: Sequence[float], few: Sequence[float], difference: int) -> Figure:
+    """Cost of one more unit from the least and from the medians of both, not of their differences, which can be less.
+
+    For units so cheap that the noise of the rest hides them: the least of differences would pick the noise.
+    """
+    a, b = figure(many), figure(few)
+    return Figure((a.least - b.least) / difference, (a.median - b.median) / difference)
+
+
 def slopes(many: Sequence[float], few: Sequence[float], difference: int) -> list[float]:
     """Cost of one more unit from measurements with many and with few of them, which differ by ``difference`` units."""
     return [(a - b) / difference for a, b in zip(many, few, strict=True)]

@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from benchmarks import closed_loop, dispatch
+from benchmarks import closed_loop, dispatch, modules, truth
 from benchmarks.__main__ import main, verdict
-from benchmarks.timing import Figure, Line, interleaved, slopes
+from benchmarks.timing import Figure, Line, interleaved, slope_figure, slopes
 from fsw.math.gravity import J2_EARTH
 
 without_basilisk = pytest.mark.skipif(
@@ -19,6 +19,10 @@ without_basilisk = pytest.mark.skipif(
 
 def test_slope_of_known_costs() -> None:
     assert slopes([107.0, 207.0], [7.0, 7.0], 100) == [1.0, 2.0]
+
+
+def test_slope_of_least_and_of_medians() -> None:
+    assert slope_figure([40.0, 30.0, 60.0], [9.0, 30.0, 10.0], 10) == Figure(2.1, 3.0)
 
 
 def test_cases_take_turns_and_the_first_round_does_not_count() -> None:
@@ -37,6 +41,9 @@ def test_verdict_says_what_was_reached() -> None:
     line = Line("loop", "ns", Figure(1.0, 2.0), Figure(10.0, 20.0), "at least 8 times faster", 0.1, 0.125)
     assert line.passed
     assert verdict(line) == "at least 8 times faster: 10.0 times, [green]met[/]"
+    faster = modules.judged("module", Figure(0.5, 0.6), Figure(0.9, 1.0), 0.5)
+    assert verdict(faster) == "at least 2 times faster: 1.8 times, [red]missed[/]"
+    assert modules.judged("module", Figure(0.5, 0.6), None, 0.5).passed is None
     assert "missed" in verdict(Line("x", "ns", None, None, "at most 14 ns", 15.0, 14.0))
     assert verdict(Line("x", "ns", None, None)) == ""
 
@@ -54,8 +61,22 @@ def test_trial_of_this_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     file = tmp_path / "figures.json"
     main(["--repeats", "1", "--scale", "0.001", "--no-start", "--json", str(file)])
     lines = json.loads(file.read_text())["lines"]
-    assert len(lines) == 9
+    assert len(lines) == 9 + 3 + len(truth.KINDS)
     assert all(line["ours"]["least"] <= line["ours"]["median"] for line in lines)
+
+
+def test_counterparts_and_comparisons_are_of_kinds_that_exist() -> None:
+    assert set(modules.COUNTERPARTS) < set(truth.KINDS)
+    assert set(modules.COMPARED) <= set(modules.COUNTERPARTS)
+
+
+@without_basilisk
+@pytest.mark.filterwarnings("default")  # of its libraries, not of ours
+def test_truth_of_both_sides_is_the_same() -> None:
+    allowed = {"Eclipse": 3e-4, "CssArray, 6 cells": 3e-4}  # Basilisk takes the disks as flat
+    for found in modules.agreement():
+        size = found.size if found.name not in allowed else allowed[found.name] / 1e-9
+        assert found.largest <= 1e-9 * size, found
 
 
 @without_basilisk
