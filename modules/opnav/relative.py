@@ -72,7 +72,7 @@ SHAPES = np.array(
 
 @compiled
 def semi_axes(body_id: int, given: V3) -> V3:
-    """Semi-axes a, b, c [m] of a body: those given if they are positive, else from the table; NaN if it is not there."""
+    """Semi-axes a, b, c [m] of a body: those given if positive, else those of the table; NaN if it is not there."""
     if given[0] > 0.0 and given[1] > 0.0 and given[2] > 0.0:
         return given
     for i in range(SHAPES.shape[0]):
