@@ -41,7 +41,17 @@ def visible_fraction(sun: V3, sun_radius: float, body: V3, body_radius: float) -
     Returns:
         1 in full light, 0 in the umbra and inside the body; NaN if a position is NaN.
     """
-    far, near = norm(sun), norm(body)
+    far2, near2, along = dot(sun, sun), dot(body, body), dot(sun, body)
+    over_sun, over_body = far2 - sun_radius * sun_radius, near2 - body_radius * body_radius
+    if over_sun > 0.0 and over_body > 0.0:
+        # cosines of c, a + b and b - a, times far * near, settle most of an orbit; the margin is for rounding
+        cosines, sines = math.sqrt(over_sun * over_body), sun_radius * body_radius
+        margin = 1e-12 * math.sqrt(far2 * near2)
+        if along < cosines - sines - margin:
+            return 1.0
+        if along > cosines + sines + margin and far2 > near2 and body_radius**2 * far2 > sun_radius**2 * near2:
+            return 0.0
+    far, near = math.sqrt(far2), math.sqrt(near2)
     c = math.atan2(norm(cross(sun, body)), dot(sun, body))
     if math.isnan(c):
         return math.nan
