@@ -14,7 +14,7 @@ from benchmarks.timing import Figure, Line, figure, interleaved, slope_figure, t
 from fsw import s
 
 ORBIT_BAR, MODULE_BAR, GRAPH_BAR = 1.0 / 20.0, 1.0 / 2.0, 1.0 / 8.0
-MANY = 100
+MANY = 50
 """Instances of a module, less one, whose cost is divided."""
 TICKS = 6000 // PERIOD_S
 """About one orbit."""
@@ -131,13 +131,13 @@ def judged(name: str, own: Figure, other: Figure | None, bar: float) -> Line:
 
 def _single(repeats: int, scale: float, *, basilisk: bool) -> list[Line]:
     """One more module of each kind: the slope between one and many, which all read the same spacecraft."""
-    case, sky = truth.orbit_case(period_ns=s(PERIOD_S)), truth.sky()
-    ticks = max(int(TICKS * scale), 10)
+    case, ticks = truth.orbit_case(period_ns=s(PERIOD_S)), max(int(TICKS * scale), 10)
+    sky = truth.sky() if basilisk else None
     lines: list[Line] = []
     for kind in truth.KINDS:  # one kind after the other, so that few graphs are in memory at once
         cases = {str(n): _running(truth.Ours(case, kind, n).run, 4 * ticks) for n in (1, MANY)}
         there = COUNTERPARTS.get(kind)
-        if basilisk and there:
+        if sky and there:
             from benchmarks import basilisk_truth
 
             for n in (1, MANY):

@@ -58,6 +58,7 @@ def test_chain_passes_the_message_to_its_end() -> None:
 
 def test_trial_of_this_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(modules, "MANY", 3)
     file = tmp_path / "figures.json"
     main(["--repeats", "1", "--scale", "0.001", "--no-start", "--json", str(file)])
     lines = json.loads(file.read_text())["lines"]
