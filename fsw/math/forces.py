@@ -69,7 +69,7 @@ def position_E(r: V3, t: float, scene: Scene) -> V3:
 
 @compiled
 def full_field_acceleration(r_E: V3, craft: Row) -> V3:
-    """As `field_acceleration`, by spherical harmonics or J2 to J6; apart, so that the field of J2 is a short function."""
+    """As `field_acceleration`, by spherical harmonics or J2 to J6; apart, so that what J2 needs is short."""
     if craft.degree > 0:
         return harmonic_acceleration(r_E, craft.mu, craft.radius, craft.degree, craft.C, craft.S)
     return zonal_acceleration(r_E, craft.mu, craft.radius, (craft.j2, craft.j3, craft.j4, craft.j5, craft.j6))
@@ -92,6 +92,8 @@ def field_acceleration(r_E: V3, craft: Row) -> V3:
 @compiled
 def field_potential(r_E: V3, craft: Row) -> float:
     """Potential energy of a unit mass in the planet's gravity, J/kg, at ``r_E`` (m), E components."""
+    if craft.mu == 0.0:
+        return 0.0
     if has_only_j2(craft):
         return gravity_potential(r_E, craft.mu, craft.radius, craft.j2)
     if craft.degree > 0:
@@ -126,7 +128,7 @@ def light_acceleration(r: V3, sun: V3, eclipse: Row, craft: Row) -> V3:
 
 @compiled
 def turned_field(r: V3, t: float, scene: Scene) -> V3:
-    """Acceleration, m/s^2, of the planet's gravity at ``r`` (m), both in N, with the planet turned as it is at ``t``."""
+    """Acceleration, m/s^2, of the planet's gravity at ``r`` (m), both in N; the planet is turned as it is at ``t`` s."""
     turn = scene.orientation
     age = (scene.time_ns - turn.t_ns) / 1e9 + t
     a = field_acceleration(position_E(r, t, scene), scene.craft)
@@ -147,7 +149,9 @@ def third_bodies(r: V3, t: float, scene: Scene) -> V3:
 @compiled
 def gravity(r: V3, t: float, scene: Scene) -> V3:
     """Acceleration, m/s^2, N components, by the planet, the Sun and the Moon, ``t`` s after the time of the scene."""
-    a = field_acceleration(r, scene.craft) if scene.orientation.seq == 0 else turned_field(r, t, scene)
+    a = (0.0, 0.0, 0.0)
+    if scene.craft.mu > 0.0:
+        a = field_acceleration(r, scene.craft) if scene.orientation.seq == 0 else turned_field(r, t, scene)
     if scene.sun.seq > 0 or scene.moon.seq > 0:
         a = add(a, third_bodies(r, t, scene))
     return a

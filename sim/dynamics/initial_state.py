@@ -16,11 +16,11 @@ from sgp4.api import Satrec
 
 from fsw.math import epoch as time
 from fsw.math import euler, geodesy, kepler, local_frames
-from fsw.math.attitude import dcm_to_mrp
+from fsw.math.attitude import dcm_to_mrp, ep_to_dcm
 from fsw.math.bodies import Body, body
 from fsw.math.compiled import plain
 from fsw.math.harmonics import GravityField
-from fsw.math.vectors import V3, matmul, matvec
+from fsw.math.vectors import V3, V4, matmul, matvec, transpose
 from messages.base import F64
 from sim.dynamics.spacecraft import Spacecraft
 
@@ -61,16 +61,33 @@ def _vector(value: Sequence[float] | F64, name: str) -> V3:
     return (float(value[0]), float(value[1]), float(value[2]))
 
 
+def _unit_ep(beta: Sequence[float] | F64) -> V4:
+    length = math.sqrt(sum(x * x for x in beta))
+    if len(beta) != 4 or not abs(length - 1.0) <= 1e-9:
+        raise ValueError(f"beta_BN: expected four numbers, scalar first, of length 1, got {beta} of length {length:.9g}")
+    return float(beta[0]), float(beta[1]), float(beta[2]), float(beta[3])
+
+
 def _require_orbit(r: V3, v: V3, planet: Body) -> None:
-    """Refuse an orbit that meets the planet."""
-    a, e, *_ = plain(kepler.rv_to_elements)(r, v, planet.mu)
-    if not math.isfinite(e):
+    """Refuse an orbit that meets the planet: ellipses anywhere, open orbits from ``r`` on."""
+    h = np.cross(r, v)
+    h1, r1 = float(np.linalg.norm(h)), float(np.linalg.norm(r))
+    if not h1 > kepler.PARALLEL * r1 * float(np.linalg.norm(v)):
         raise ValueError("r_N, v_N: expected an orbit, got a fall: position and velocity are parallel or zero")
-    h2 = float(np.sum(np.cross(r, v) ** 2))
-    lowest, surface = h2 / planet.mu / (1.0 + e), planet.radius * (1.0 - planet.flattening)
-    if lowest < surface:
-        text = f"the orbit (a = {a / 1e3:.1f} km, e = {e:.4f}) goes down to {lowest / 1e3:.1f} km from the centre"
-        raise ValueError(f"{text}, through {planet.name}, whose radius is {surface / 1e3:.1f} km; choose a higher one")
+    a, e, *_ = plain(kepler.rv_to_elements)(r, v, planet.mu)
+    x = np.cross(v, h) / planet.mu - np.array(r) / r1
+    x = x / e if e > kepler.SMALL else np.array(r) / r1
+    y = np.cross(h, x) / h1
+    here = math.atan2(float(r @ y), float(r @ x))
+    first, last = (-math.pi, math.pi) if e < 1.0 else (here, max(0.0, here))
+    f = np.append(np.linspace(first, last, 1441), min(max(first, 0.0), last))
+    places = (h1**2 / planet.mu / (1.0 + e * np.cos(f)))[:, None] * (np.cos(f)[:, None] * x + np.sin(f)[:, None] * y)
+    below = np.linalg.norm(places / [1.0, 1.0, 1.0 - planet.flattening], axis=1) < planet.radius
+    if np.any(below):
+        lowest = float(np.linalg.norm(places[below], axis=1).min()) / 1e3
+        text = f"the orbit (a = {a / 1e3:.1f} km, e = {e:.4f}) goes down to {lowest:.1f} km from the centre"
+        size = planet.radius / 1e3
+        raise ValueError(f"{text}, through {planet.name}, whose radius is {size:.1f} km; choose a higher one")
 
 
 def from_rv(
@@ -79,24 +96,33 @@ def from_rv(
     *,
     roll_pitch_yaw: Sequence[float] | F64 = _LEVEL,
     omega_BO_B: Sequence[float] | F64 = _LEVEL,
+    beta_BN: Sequence[float] | F64 | None = None,
+    omega_BN_B: Sequence[float] | F64 | None = None,
     planet: int | str = "Earth",
 ) -> Spacecraft.State:
     """Initial state from position (m) and inertial velocity (m/s), N components.
 
     Args:
         r_N, v_N: (3,). roll_pitch_yaw: attitude relative to O, rad. omega_BO_B: rate relative to O, rad/s.
+        beta_BN: (4,) inertial attitude instead, unit Euler parameters, scalar first. omega_BN_B: inertial rate instead.
         planet: name or NAIF identifier, for the check that the orbit does not meet it.
 
     Raises:
-        ValueError: if the orbit meets the planet or is none, or a number is not finite.
+        ValueError: if the orbit meets the planet or is none, a number is not finite, or ``beta_BN`` is not of length 1.
     """
     r, v = _vector(r_N, "r_N"), _vector(v_N, "v_N")
     _require_orbit(r, v, body(planet))
     roll, pitch, yaw = _vector(roll_pitch_yaw, "roll_pitch_yaw")
     dcm_BO = plain(euler.euler_to_dcm)(321, (yaw, pitch, roll))
-    dcm_BN = plain(matmul)(dcm_BO, plain(local_frames.orbit_frame)(r, v))
+    dcm_ON = plain(local_frames.orbit_frame)(r, v)
+    dcm_BN = plain(matmul)(dcm_BO, dcm_ON)
+    if beta_BN is not None:
+        dcm_BN = plain(ep_to_dcm)(_unit_ep(beta_BN))
+        dcm_BO = plain(matmul)(dcm_BN, plain(transpose)(dcm_ON))
     turning = plain(matvec)(dcm_BO, plain(local_frames.orbit_rate)(r, v))
     omega = np.array(_vector(omega_BO_B, "omega_BO_B")) + np.array(turning)
+    if omega_BN_B is not None:
+        omega = np.array(_vector(omega_BN_B, "omega_BN_B"))
     sigma = np.array(plain(dcm_to_mrp)(dcm_BN))
     return Spacecraft.State(r_BN_N=np.array(r), v_BN_N=np.array(v), sigma_BN=sigma, omega_BN_B=omega)
 
@@ -108,7 +134,7 @@ def from_elements(
 
     Args:
         a, e, i, Omega, omega, f: as in `fsw.math.kepler`, f is the true anomaly. planet: name or NAIF identifier.
-        attitude: ``roll_pitch_yaw`` and ``omega_BO_B`` of `from_rv`.
+        attitude: the other arguments of `from_rv`.
 
     Raises:
         ValueError: if the elements are of no orbit, or of one through the planet.
@@ -175,9 +201,16 @@ def from_geodetic(
     """
     if (heading is None) == (inclination is None):
         raise ValueError("heading, inclination: expected one of the two")
+    turn = np.asarray(dcm_EN, np.float64)
+    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0.0:
+        raise ValueError(f"dcm_EN: expected a rotation matrix (3, 3), got {turn.tolist()}")
+    if not (math.isfinite(longitude) and math.isfinite(height)):
+        raise ValueError(f"longitude, height: expected finite numbers (rad, m), got {longitude} and {height}")
+    if heading is not None and not math.isfinite(heading):
+        raise ValueError(f"heading: expected a finite angle (rad), got {heading}")
     if not abs(latitude) <= math.pi / 2.0:
         raise ValueError(f"latitude: expected -pi/2 to pi/2 rad, got {latitude}")
-    r = np.asarray(dcm_EN).T @ np.array(plain(geodesy.ecef_from_geodetic)(latitude, longitude, height))
+    r = turn.T @ np.array(plain(geodesy.ecef_from_geodetic)(latitude, longitude, height))
     distance = float(np.linalg.norm(r))
     across = math.hypot(r[0], r[1])
     if inclination is not None:

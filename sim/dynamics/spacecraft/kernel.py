@@ -12,7 +12,7 @@ from fsw.math.gravity import gravity_gradient_torque
 from fsw.math.integrators import dop853_dense, dop853_error, dop853_factor, dop853_step, dop853_value
 from fsw.math.vectors import V3, add, axpy, cross, mat3, mat_t_vec, matvec, norm, scale, store3, sub, vec3
 from messages.base import F64
-from sim.dynamics.spacecraft.scene import World
+from sim.dynamics.spacecraft.scene import World, require_outside
 
 Motion: TypeAlias = tuple[V3, V3, V3, V3, V3]
 """r_BN_N (m), v_BN_N (m/s), sigma_BN, omega_BN_B (rad/s), dv_BN_N (m/s), or their derivatives."""
@@ -124,8 +124,21 @@ def _same_load(kept: F64, world: World) -> bool:
     d = _unchanged(kept[0, 9:12], vec3(air.v_AN_N) if air.seq > 0 else zero)
     density = air.density if air.seq > 0 else 0.0
     light = eclipse.illumination if eclipse.seq > 0 else 1.0
-    e = _unchanged(kept[1, 0:3], (density, light, 0.0))
+    known = 1.0 * (world.forces.sun.seq > 0) + 2.0 * (world.forces.moon.seq > 0)
+    known += 4.0 * (world.forces.orientation.seq > 0)
+    e = _unchanged(kept[1, 0:3], (density, light, known))
     return a and b and c and d and e
+
+
+@compiled
+def _require_outside_arc(last_ns: int, state: Row, dense: F64, at: F64, world: World) -> None:
+    """Check points of the adaptive step between the time of the state and ``last_ns``; ``at`` (15,) is overwritten."""
+    length = state.arc_end_ns - state.arc_start_ns
+    for i in range(1, 16):
+        t_ns = state.arc_start_ns + i * length // 16
+        if state.time_ns < t_ns < last_ns:
+            dop853_value(dense, (t_ns - state.arc_start_ns) / length, at)
+            require_outside(vec3(at[0:3]), (t_ns - state.time_ns) / 1e9, world.forces)
 
 
 @compiled
@@ -141,12 +154,13 @@ def adaptive(y: Motion, t_ns: int, state: Row, tolerance: float, world: World) -
         state.arc_start_ns = state.arc_end_ns = state.time_ns
         _store(start, y)
     elif state.arc_end_ns < t_ns:
+        _require_outside_arc(state.arc_end_ns, state, dense, end, world)
         dop853_value(dense, 1.0, start)
     while state.arc_end_ns < t_ns:
         t = (state.arc_end_ns - state.time_ns) / 1e9
         store3(start[6:9], mrp_inner(vec3(start[6:9])))
         _slope(t, start, k[0], world)
-        size_r, size_v = norm(vec3(start[0:3])), norm(vec3(start[3:6]))
+        size_r, size_v = max(norm(vec3(start[0:3])), 1.0), max(norm(vec3(start[3:6])), 1e-3)
         size_w = max(norm(vec3(start[9:12])), 1e-3)
         for i in range(3):
             limits[i], limits[3 + i] = tolerance * size_r, tolerance * size_v
@@ -173,5 +187,6 @@ def adaptive(y: Motion, t_ns: int, state: Row, tolerance: float, world: World) -
         state.arc_start_ns = state.arc_end_ns
         state.arc_end_ns += step_ns
         _store(start, _motion(end))
+        _require_outside_arc(t_ns, state, dense, limits, world)
     dop853_value(dense, (t_ns - state.arc_start_ns) / (state.arc_end_ns - state.arc_start_ns), end)
     return _motion(end)
