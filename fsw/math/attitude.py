@@ -2,8 +2,10 @@
 
 All describe frame B relative to frame N: ``dcm_BN`` takes components in N to components in B. Euler parameters
 ``beta`` have the scalar first; those that functions return have a scalar >= 0. An MRP ``sigma`` that functions return
-lies in the inner set, length <= 1. Source: Schaub and Junkins, "Analytical Mechanics of Space Systems", 4th ed.,
-ch. 3; equation numbers below are of that chapter's subjects, not repeated where the name says it.
+lies in the inner set, length <= 1; a rotation vector is not longer than pi. Inputs may be of the other sign or set.
+Basilisk's `RigidBodyKinematics` differs there: its MRP2EP, MRP2PRV, PRV2MRP and euler2PRV keep the sign or the longer
+way of their input, which is the same rotation. Source: Schaub and Junkins, "Analytical Mechanics of Space Systems", 4th
+ed., ch. 3.
 """
 
 from __future__ import annotations

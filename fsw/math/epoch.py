@@ -2,7 +2,14 @@
 
 An epoch is a count of TAI nanoseconds since 2000-01-01T12:00:00 TAI. TAI runs evenly, so a difference of two epochs is
 a duration, leap seconds included. Julian dates come in two parts, as ERFA takes them: whole days (ending in .5 or .0,
-exact) and the rest of a day, good to 1e-11 s. Simulation time zero is an epoch that a scenario chooses.
+exact) and the rest of a day, good to 1e-11 s.
+
+Simulation time zero is an epoch that a scenario chooses and hands to every module that needs the calendar::
+
+    start = epoch("2023-07-03T12:00:00Z")
+    sun = Ephemeris("sun", Ephemeris.Params(epoch_tai_ns=start))
+    earth = EarthOrientation("earth", iau2006(start, hours(24), read_parameters("finals2000A.all")))
+    print(calendar(start + t_ns))  # the time of a message, for people
 
 Leap seconds are those of ERFA's table, up to the one at the end of 2016; `erfa.leap_seconds.update` takes a newer one.
 UTC is used from 1972 to 2034: earlier it had another definition, later leap seconds are not decided (CGPM 2022,
@@ -12,6 +19,7 @@ Astronomical Almanac, 3rd ed., ch. 3.
 
 from __future__ import annotations
 
+import functools
 import re
 from bisect import bisect_right
 from datetime import date
@@ -40,14 +48,22 @@ _TEXT = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d)(?:\.(\d
 _UTC_END = date(2035, 1, 1)
 
 
-def _leap_table() -> tuple[list[date], list[int]]:
-    """Days at whose beginning TAI - UTC changes, from 1972, and the seconds that it then has."""
+def _leap_table() -> tuple[list[date], list[int], list[int]]:
+    """Days at whose beginning TAI - UTC changes, from 1972, the seconds that it then has, and the days' epochs."""
+    return _read_leap_table(ERFA.leap_seconds.get().tobytes())
+
+
+@functools.lru_cache(maxsize=1)
+def _read_leap_table(_: bytes) -> tuple[list[date], list[int], list[int]]:
+    """ERFA's table, whose bytes are the argument: read again only when it has changed."""
     rows = [r for r in ERFA.leap_seconds.get() if r["year"] >= 1972]
-    return [date(int(r["year"]), int(r["month"]), 1) for r in rows], [round(float(r["tai_utc"])) for r in rows]
+    days, seconds = [date(int(r["year"]), int(r["month"]), 1) for r in rows], [round(float(r["tai_utc"])) for r in rows]
+    starts = [(d.toordinal() - _NOON) * DAY - DAY // 2 + s * SECOND for d, s in zip(days, seconds, strict=True)]
+    return days, seconds, starts
 
 
 def _tai_minus_utc(day: date, what: str) -> int:
-    days, seconds = _leap_table()
+    days, seconds, _ = _leap_table()
     if not days[0] <= day < _UTC_END:
         why = "UTC has no whole seconds before 1972" if day < days[0] else "leap seconds are not decided from 2035 on"
         raise ValueError(f"{what}: expected a day from 1972 to 2034, got {day}: {why}; give the epoch in TAI or TT")
@@ -55,7 +71,7 @@ def _tai_minus_utc(day: date, what: str) -> int:
 
 
 def _has_leap_second(day: date) -> bool:
-    days, _ = _leap_table()
+    days, _, _ = _leap_table()
     return date.fromordinal(day.toordinal() + 1) in days[1:]
 
 
@@ -103,8 +119,7 @@ def tai_minus_utc(epoch_ns: int) -> int:
     Raises:
         ValueError: if UTC is not known at the epoch (before 1972, from 2035 on).
     """
-    days, seconds = _leap_table()
-    starts = [(d.toordinal() - _NOON) * DAY - DAY // 2 + s * SECOND for d, s in zip(days, seconds, strict=True)]
+    _, seconds, starts = _leap_table()
     k = bisect_right(starts, epoch_ns) - 1
     day = date.fromordinal(_NOON + (epoch_ns + DAY // 2 - seconds[k] * SECOND) // DAY)
     return seconds[k] if k >= 0 and day < _UTC_END else _tai_minus_utc(day, f"epoch {epoch_ns} ns")

@@ -37,7 +37,8 @@ def geodetic_from_ecef(x: float, y: float, z: float) -> tuple[float, float, floa
     """Latitude [rad], longitude [rad] and height [m] of an Earth-fixed position [m].
 
     Bowring's formula (Bowring 1976, eq. 12), repeated until the parametric latitude stands still. Good to rounding
-    from 5,000 km below the surface outwards; at the poles the longitude is that of `atan2`. NaN deeper than that.
+    (below 1e-9 m near the Earth; at geostationary height the last digit of a height is 7e-9 m) from 5,000 km below the
+    surface outwards; at the poles the longitude is that of `atan2`. NaN deeper than that.
     """
     p = math.sqrt(x * x + y * y)
     if not math.sqrt(p * p + z * z) > 1.3e6:

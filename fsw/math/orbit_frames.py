@@ -1,4 +1,4 @@
-"""Frames of an orbit: local-vertical (O), Hill (H), and the way from TEME to the Earth-fixed frame.
+"""Frames of `local_frames` on arrays, and the way from TEME to the Earth-fixed frame.
 
 All functions are pure. Rotations are passive: ``dcm_ON`` maps N components to O components.
 """
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.math.compiled import compiled
+from fsw.math.local_frames import hill_frame, orbit_frame
+from fsw.math.vectors import store33, vec3
 
 F64 = NDArray[np.float64]
 
@@ -30,22 +32,7 @@ def dcm_orbit(r: F64, v: F64, out: F64) -> None:
             differs in direction by up to 4 degrees and must not be used.)
         out: (3, 3) written: dcm_OF. NaN if r and v are parallel or either is zero: there is no orbit plane.
     """
-    hx = r[1] * v[2] - r[2] * v[1]
-    hy = r[2] * v[0] - r[0] * v[2]
-    hz = r[0] * v[1] - r[1] * v[0]
-    h = math.sqrt(hx * hx + hy * hy + hz * hz)
-    d = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    if not h > 1e-12 * d * speed:
-        out[:] = math.nan
-        return
-    yx, yy, yz = -hx / h, -hy / h, -hz / h
-    zx, zy, zz = -r[0] / d, -r[1] / d, -r[2] / d
-    out[0, 0] = yy * zz - yz * zy
-    out[0, 1] = yz * zx - yx * zz
-    out[0, 2] = yx * zy - yy * zx
-    out[1, 0], out[1, 1], out[1, 2] = yx, yy, yz
-    out[2, 0], out[2, 1], out[2, 2] = zx, zy, zz
+    store33(out, orbit_frame(vec3(r), vec3(v)))
 
 
 @compiled
@@ -54,12 +41,7 @@ def dcm_hill(r: F64, v: F64, out: F64) -> None:
 
     Args and failure as `dcm_orbit`; ``out`` (3, 3) becomes dcm_HF.
     """
-    dcm_orbit(r, v, out)
-    for j in range(3):
-        along, down, left = out[0, j], out[2, j], out[1, j]
-        out[0, j] = -down
-        out[1, j] = along
-        out[2, j] = -left
+    store33(out, hill_frame(vec3(r), vec3(v)))
 
 
 @compiled

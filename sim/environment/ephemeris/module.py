@@ -9,7 +9,15 @@ import msgspec
 import numpy as np
 
 from fsw import F64, Bound, KernelModule, Out, Record, Row, Shape, publish, zeros
-from fsw.math.ephemeris import ORDER, SEGMENT_NS, chebyshev_state, chebyshev_table, known_body
+from fsw.math.ephemeris import (
+    ORDER,
+    SEGMENT_NS,
+    Position,
+    chebyshev_fit,
+    chebyshev_state,
+    chebyshev_table,
+    known_body,
+)
 from fsw.math.vectors import store3
 from messages.environment import EphemerisMsg
 
@@ -70,3 +78,25 @@ class Ephemeris(KernelModule):
         store3(out_ephemeris.r_PN_N, r)
         store3(out_ephemeris.v_PN_N, v)
         publish(out_ephemeris, t_ns)
+
+
+def of_positions(
+    position: Position, body_id: int, epoch_tai_ns: int, span: float, center_id: int = 399
+) -> Ephemeris.Params:
+    """Parameters for positions from elsewhere, such as an ephemeris of JPL.
+
+    Args:
+        position: takes two parts of n Julian dates in TT (n,), (n,); returns positions (n, 3) relative to the central
+            body, m, axes of the GCRF. Asked for whole segments of four days, so up to four days after the span.
+        body_id: NAIF identifier of the body.
+        epoch_tai_ns: simulation time zero, TAI ns since 2000-01-01T12:00:00 TAI.
+        span: covered from time zero on, s, at most 400 days.
+        center_id: NAIF identifier of the central body.
+
+    Raises:
+        ValueError: if a parameter is wrong, or positions are not (n, 3) or not finite.
+    """
+    segments = min(max(math.ceil(span * 1e9 / SEGMENT_NS), 1), SEGMENTS)
+    table = np.zeros((SEGMENTS, ORDER, 3))
+    table[:segments] = chebyshev_fit(position, epoch_tai_ns, segments)
+    return Ephemeris.Params(body_id=body_id, center_id=center_id, epoch_tai_ns=epoch_tai_ns, span=span, table=table)

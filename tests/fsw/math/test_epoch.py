@@ -64,6 +64,20 @@ def test_leap_seconds_of_the_bulletins_last_a_second(day: str) -> None:
     assert epoch(calendar(leap + SECOND)) - leap == SECOND
 
 
+def test_a_newer_table_of_leap_seconds_counts_at_once() -> None:
+    """ERFA's table is the only one: a leap second that is announced and put there is known here."""
+    table, late = ERFA.leap_seconds.get(), epoch("2034-03-01", "tai")
+    assert tai_minus_utc(late) == 37
+    newer = np.append(table, np.array([(2033, 7, 38.0)], table.dtype))
+    try:
+        ERFA.leap_seconds.set(newer)
+        assert tai_minus_utc(late) == 38
+        assert epoch("2033-07-01") - epoch("2033-06-30T23:59:59Z") == 2 * SECOND
+    finally:
+        ERFA.leap_seconds.set(table)
+    assert tai_minus_utc(late) == 37
+
+
 def test_text_and_back_at_random() -> None:
     rng = np.random.default_rng(1)
     scales: list[Scale] = ["utc", "tai", "tt"]

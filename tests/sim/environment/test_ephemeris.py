@@ -14,7 +14,7 @@ from fsw.math.compiled import plain
 from fsw.math.ephemeris import SEGMENT_NS, chebyshev_state
 from fsw.math.epoch import DAY, epoch, julian_dates
 from messages.base import F64, I64
-from sim.environment.ephemeris import Ephemeris
+from sim.environment.ephemeris import Ephemeris, of_positions
 
 Criterion = Callable[[str, float], None]
 START = epoch("2023-05-05T03:28:50Z")
@@ -150,6 +150,35 @@ def test_given_table_is_used() -> None:
     r, v = states(Ephemeris.Params(table=table), np.array([0, SEGMENT_NS // 2, SEGMENT_NS]))
     np.testing.assert_allclose(r[:2], [[1e9, 1.999e9, 3e9], [1e9, 2e9, 3e9]], rtol=1e-15)
     np.testing.assert_allclose(v[0], [0.0, 1e6 / (2 * 86400.0), 0.0], rtol=1e-15)
+
+
+def test_positions_from_elsewhere() -> None:
+    """A body on a circle of ten days, as a function of TT; also in the last, partly used segment."""
+    start, rate = epoch("2024-02-28"), 2.0 * np.pi / 10.0
+
+    def circle(whole: F64, rest: F64) -> F64:
+        angle = rate * ((whole - 2460369.0) + rest)
+        return 4e8 * np.column_stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(angle)])
+
+    times = np.arange(0, 6 * DAY, DAY // 7)
+    r, v = states(of_positions(circle, 301, start, span=6.0 * 86400.0), times)
+    whole, rest = julian_dates(start + times)
+    # 14 coefficients over 0.4 turns: the next one, 2 J14(0.4 pi), is 4e-14 of the radius
+    np.testing.assert_allclose(r, circle(whole, rest), rtol=0, atol=1e-3)
+    angle = rate * ((whole - 2460369.0) + rest)
+    np.testing.assert_allclose(v[:, 0], -4e8 * rate / 86400.0 * np.sin(angle), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("position", "says"),
+    [
+        (lambda whole, rest: np.full((whole.size, 3), np.nan), "position: expected 14 rows of 3 finite numbers"),
+        (lambda whole, rest: np.zeros((3, whole.size)), r"position: expected 14 rows of 3.*got shape \(3, 14\)"),
+    ],
+)
+def test_wrong_positions_from_elsewhere(position: Any, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        of_positions(position, 301, 0, span=86400.0)
 
 
 def test_clenshaw_against_numpy() -> None:
