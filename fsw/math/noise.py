@@ -33,15 +33,29 @@ def random_walk(stream: U64, value: float, density: float, dt: float) -> float:
 
 
 @compiled
-def mean_of_walk(stream: U64, bias: float, white: float, walk: float, dt: float) -> tuple[float, float]:
+def walk_spreads(white: float, walk: float, dt: float) -> tuple[float, float]:
+    """What `mean_of_walk` multiplies its draws by; the same for all axes of a sample, so taken once.
+
+    Args:
+        white: density of the white noise, such as an angle random walk [rad/s^0.5].
+        walk: density of the bias walk, such as a rate random walk [rad/s^1.5].
+        dt: length of the interval [s], > 0.
+
+    Returns:
+        Standard deviations of the step of the bias, and of the mean about the mean of old and new bias.
+    """
+    return walk * math.sqrt(dt), math.sqrt(white * white / dt + walk * walk * dt / 12.0)
+
+
+@compiled
+def mean_of_walk(stream: U64, bias: float, step: float, spread: float) -> tuple[float, float]:
     """New bias, and mean over an interval of white noise plus a walking bias (Farrenkopf).
 
     Args:
         stream: random stream, two normal numbers are drawn.
         bias: at the start of the interval.
-        white: density of the white noise, such as an angle random walk [rad/s^0.5].
-        walk: density of the bias walk, such as a rate random walk [rad/s^1.5].
-        dt: length of the interval [s], > 0.
+        step: first of the `walk_spreads` of the interval.
+        spread: second of them.
     """
-    new = random_walk(stream, bias, walk, dt)
-    return new, 0.5 * (bias + new) + math.sqrt(white * white / dt + walk * walk * dt / 12.0) * normal(stream)
+    new = bias + step * normal(stream)
+    return new, 0.5 * (bias + new) + spread * normal(stream)

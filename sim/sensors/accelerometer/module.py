@@ -8,7 +8,7 @@ from typing import Annotated
 from fsw import Bound, In, KernelModule, Mat3, Out, Row, Vec3, eye, publish, zeros
 from fsw.math.attitude import mrp_to_dcm
 from fsw.math.checks import require_rotation
-from fsw.math.noise import mean_of_walk
+from fsw.math.noise import mean_of_walk, walk_spreads
 from fsw.math.vectors import add, cross, mat3, mat_t_vec, matvec, scale, store3, sub, vec3
 from messages.sensors import AccelSensorMsg, SpecificForceMsg
 from messages.states import SCStatesMsg
@@ -66,8 +66,9 @@ class Accelerometer(KernelModule):
         accel = matvec(mat3(params.dcm_PB), matvec(dcm_BN, scale(1.0 / dt, sub(dv_PN_N, last))))
         wrong = matvec(mat3(params.misalignment), accel)
         what, gain = delivery(t_ns, params, state, out_accel.seq)
+        step, spread = walk_spreads(gain * params.vrw, params.brw, dt)
         for i in range(3):
-            state.bias_P[i], error = mean_of_walk(state.noise, state.bias_P[i], gain * params.vrw, params.brw, dt)
+            state.bias_P[i], error = mean_of_walk(state.noise, state.bias_P[i], step, spread)
             gained = dt * saturated(accel[i] + wrong[i] + error, params.max_accel) + state.rest_P[i]
             counted = quantised(gained, params.resolution)
             state.rest_P[i] = gained - counted

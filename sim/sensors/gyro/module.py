@@ -8,7 +8,7 @@ from typing import Annotated
 from fsw import Bound, In, KernelModule, Mat3, Out, Row, Vec3, eye, publish, zeros
 from fsw.math.attitude import ep_relative, ep_to_rotvec, mrp_to_ep
 from fsw.math.checks import require_rotation
-from fsw.math.noise import mean_of_walk
+from fsw.math.noise import mean_of_walk, walk_spreads
 from fsw.math.vectors import mat3, matvec, scale, store3, vec3
 from messages.sensors import IMUSensorMsg
 from messages.states import SCStatesMsg
@@ -63,8 +63,9 @@ class Gyro(KernelModule):
         rate = matvec(mat3(params.dcm_PB), scale(1.0 / dt, turn))
         wrong = matvec(mat3(params.misalignment), rate)
         what, gain = delivery(t_ns, params, state, out_imu.seq)
+        step, spread = walk_spreads(gain * params.arw, params.rrw, dt)
         for i in range(3):
-            state.bias_P[i], error = mean_of_walk(state.noise, state.bias_P[i], gain * params.arw, params.rrw, dt)
+            state.bias_P[i], error = mean_of_walk(state.noise, state.bias_P[i], step, spread)
             angle = dt * saturated(rate[i] + wrong[i] + error, params.max_rate) + state.rest_P[i]
             counted = quantised(angle, params.resolution)
             state.rest_P[i] = angle - counted

@@ -8,7 +8,7 @@ import mpmath as _mpmath
 import numpy as np
 import pytest
 
-from fsw.math.noise import gauss_markov_factors, mean_of_walk, random_walk
+from fsw.math.noise import gauss_markov_factors, mean_of_walk, random_walk, walk_spreads
 from fsw.streams import stream_words
 from messages.base import F64, U64
 
@@ -52,7 +52,7 @@ def test_mean_of_walk_against_many_short_steps() -> None:
     """Covariance of new bias and mean: of 40,000 draws, and by the sum over 1,000 short steps as a matrix product."""
     white, walk, dt, n = 0.3, 0.2, 5.0, 1000
     words = stream()
-    drawn = np.array([mean_of_walk(words, 0.0, white, walk, dt) for _ in range(40_000)])
+    drawn = np.array([mean_of_walk(words, 0.0, *walk_spreads(white, walk, dt)) for _ in range(40_000)])
     h = dt / n
     to_bias: F64 = np.concatenate([np.full(n, walk * np.sqrt(h)), np.zeros(n)])
     # a step at the middle of the k-th interval acts on the rest of the mean
