@@ -128,7 +128,7 @@ def light_acceleration(r: V3, sun: V3, eclipse: Row, craft: Row) -> V3:
 
 @compiled
 def turned_field(r: V3, t: float, scene: Scene) -> V3:
-    """Acceleration, m/s^2, of the planet's gravity at ``r`` (m), both in N; the planet is turned as it is at ``t`` s."""
+    """Acceleration, m/s^2, of the planet's gravity at ``r`` (m), both in N; the planet is turned as at ``t`` s."""
     turn = scene.orientation
     age = (scene.time_ns - turn.t_ns) / 1e9 + t
     a = field_acceleration(position_E(r, t, scene), scene.craft)

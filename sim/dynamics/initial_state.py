@@ -64,7 +64,9 @@ def _vector(value: Sequence[float] | F64, name: str) -> V3:
 def _unit_ep(beta: Sequence[float] | F64) -> V4:
     length = math.sqrt(sum(x * x for x in beta))
     if len(beta) != 4 or not abs(length - 1.0) <= 1e-9:
-        raise ValueError(f"beta_BN: expected four numbers, scalar first, of length 1, got {beta} of length {length:.9g}")
+        raise ValueError(
+            f"beta_BN: expected four numbers, scalar first, of length 1, got {beta} of length {length:.9g}"
+        )
     return float(beta[0]), float(beta[1]), float(beta[2]), float(beta[3])
 
 
