@@ -16,12 +16,23 @@ from fsw.math.camera import distort_slopes, undistort_point
 from fsw.math.compiled import compiled
 from fsw.math.vectors import M3, V3, axpy, cross, dot, inverse, matmul, norm, scale, unit
 from messages.base import F64, I64
-from modules.opnav.relative import BAD_NUMBERS, NO_SOLUTION, OUTLIERS, OUTSIDE_LENS, VALID, sandwich, solve_spd
+from modules.opnav.relative import (
+    BAD_NUMBERS,
+    NO_SOLUTION,
+    OUTLIERS,
+    OUTSIDE_LENS,
+    VALID,
+    invert_spd,
+    sandwich,
+    solve_spd,
+)
 
 RAY = 7
 """Numbers of a point: tangents x, y; dx/du, dx/dv, dy/du, dy/dv [1/px]; sigma [px]."""
 MIN_POINTS = 4
 """Three points fix a position, but not whether it is right."""
+LEVERAGE = 0.9
+"""Leverage above which a point decides the fit alone; the ends of five even points of an arc have 0.89."""
 FAR = 1e6
 """Distance [px] of a point for which the limb has no slope."""
 
@@ -207,10 +218,10 @@ def refine(B: M3, n: V3, rays: F64, used: I64, limit: float, A: F64, b: F64, x: 
 def consensus(B: M3, rays: F64, tries: int, gate: float) -> tuple[bool, V3]:
     """The limb through three points with which most of the others agree (MSAC, Torr and Zisserman 2000).
 
-    Always the same draws, so same input, same output. At most 200 points are looked at in each try.
+    Always the same draws, so same input, same output. At most 100 points are looked at in each try.
     """
     count = rays.shape[0]
-    stride = 1 + (count - 1) // 200
+    stride = 1 + (count - 1) // 100
     best, found, answer = math.inf, False, (math.nan, math.nan, math.nan)
     word = 12345
     for _ in range(tries):
@@ -267,10 +278,8 @@ def median(values: F64) -> float:
 
 
 @compiled
-def select(B: M3, n: V3, rays: F64, gate: float, used: I64, work: F64) -> tuple[int, bool]:
+def select(B: M3, n: V3, rays: F64, gate: float, used: I64, work: F64) -> tuple[float, bool]:
     """Mark the points within ``gate`` robust standard deviations.
-
-    The standard deviation is that of the points, or the one seen (median, of a normal distribution) if it is larger.
 
     Args:
         B: maps tangents to coordinates in which the body is a unit sphere.
@@ -281,61 +290,99 @@ def select(B: M3, n: V3, rays: F64, gate: float, used: I64, work: F64) -> tuple[
         work: (2, m).
 
     Returns:
-        How many are used, and whether the choice changed.
+        Robust standard deviation of the points over the stated one, at least 1, and whether the choice changed.
     """
     count = rays.shape[0]
     for i in range(count):
         work[0, i] = math.fabs(distance(B, n, rays[i])) / rays[i, 6]
         work[1, i] = work[0, i]
-    limit = gate * max(1.0, median(work[1]) / 0.6745)
-    kept, changed = 0, False
+    spread = max(1.0, median(work[1]) / 0.6745)  # of a normal distribution
+    changed = False
     for i in range(count):
-        keep = 1 if work[0, i] <= limit else 0
+        keep = 1 if work[0, i] <= gate * spread else 0
         changed = changed or keep != used[i]
         used[i] = keep
-        kept += keep
-    return kept, changed
+    return spread, changed
 
 
 @compiled
-def fit(B: M3, rays: F64, robust: bool, gate: float, min_share: float, A: F64) -> tuple[int, V3, float, int]:
+def doubtful(B: M3, n: V3, rays: F64, inv: F64, limit: float, used: I64) -> int:
+    """Stop using points that the others do not confirm.
+
+    These are points with a residual that is too large for the part of it that a fit leaves, and points that the
+    others cannot check: they decide the fit alone (leverage above `LEVERAGE`), and if they are wrong nothing shows it.
+
+    Args:
+        B: maps tangents to coordinates in which the body is a unit sphere.
+        n: the limb.
+        rays: points (m, RAY).
+        inv: covariance of n (3, 3).
+        limit: largest studentised residual.
+        used: in and out, (m,).
+
+    Returns:
+        How many are used no longer.
+    """
+    dropped = 0
+    for i in range(used.shape[0]):
+        if used[i] == 0:
+            continue
+        f, fu, fv, h = edge(B, n, rays[i, 0], rays[i, 1], rays[i])
+        k = 1.0 / (rays[i, 6] * math.sqrt(fu * fu + fv * fv))
+        e, own = k * f, 0.0
+        for p in range(3):
+            for q in range(3):
+                own += k * k * h[p] * inv[p, q] * h[q]
+        if not (own <= LEVERAGE and e * e <= limit * limit * (1.0 - own)):
+            used[i] = 0
+            dropped += 1
+    return dropped
+
+
+@compiled
+def fit(B: M3, rays: F64, robust: bool, gate: float, min_share: float, inv: F64) -> tuple[int, V3, float, int]:
     """Fit n to points.
 
     Args:
         B: maps tangents to coordinates in which the body is a unit sphere, `local_frame`.
         rays: points (m, RAY).
-        robust: leave out points that disagree with most.
+        robust: leave out points that disagree with most, or that no others confirm.
         gate: standard deviations beyond which a point disagrees.
         min_share: least part of the points that must agree.
-        A: out, (3, 3), information matrix of n.
+        inv: out, (3, 3), covariance of n.
 
     Returns:
         Status, n, sum of squares over sigma, points used.
     """
     count = rays.shape[0]
-    b, x = np.zeros(3), np.zeros(3)
+    A, b, x = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     used, work = np.ones(count, np.int64), np.zeros((2, count))
     good, n = start(B, rays, used, A, b, x)
-    status, chi2, worst = NO_SOLUTION, math.nan, math.nan
+    status, chi2 = NO_SOLUTION, math.nan
     if good:
-        status, n, chi2, worst = refine(B, n, rays, used, 3.0 * gate if robust else math.inf, A, b, x)
-    if not robust or worst <= gate:
+        status, n, chi2, _ = refine(B, n, rays, used, 3.0 * gate if robust else math.inf, A, b, x)
+    if status == VALID and not invert_spd(A, inv):
+        status = NO_SOLUTION
+    if not robust or (status == VALID and doubtful(B, n, rays, inv, gate, used) == 0):
         return status, n, chi2, count
-    kept = 0
-    if status == VALID:
-        kept, changed = select(B, n, rays, gate, used, work)
-        if not changed:
-            return status, n, chi2, count
+    # a single far point can bend the limb of a short arc to itself, so nothing of this fit is used
     good, n = consensus(B, rays, 60, gate)
     if not good:
-        return NO_SOLUTION, n, chi2, kept
-    for _ in range(10):
-        kept, changed = select(B, n, rays, gate, used, work)
-        if kept < MIN_POINTS or kept < min_share * count:
-            return OUTLIERS, n, chi2, kept
+        return NO_SOLUTION, n, chi2, 0
+    spread, changed = 1.0, True
+    for k in range(10):
+        # three points are noisy: first only those that agree best
+        spread, changed = select(B, n, rays, 2.0 if k == 0 else gate, used, work)
         status, n, chi2, _ = refine(B, n, rays, used, math.inf, A, b, x)
-        if status != VALID or not changed:
+        if status != VALID or (k > 0 and not changed):
             break
+    while status == VALID and invert_spd(A, inv) and doubtful(B, n, rays, inv, gate * spread, used) > 0:
+        status, n, chi2, _ = refine(B, n, rays, used, math.inf, A, b, x)
+    kept = 0
+    for i in range(count):
+        kept += used[i]
+    if status == VALID and (kept < MIN_POINTS or kept < min_share * count):
+        status = OUTLIERS
     return status, n, chi2, kept
 
 

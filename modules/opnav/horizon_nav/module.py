@@ -128,7 +128,7 @@ class HorizonNav(KernelModule):
             out_position.status = relative.BAD_NUMBERS
             return
 
-        lens, rays, A, inv = np.zeros(LENS_SIZE), np.zeros((count, RAY)), np.zeros((3, 3)), np.zeros((3, 3))
+        lens, rays, inv = np.zeros(LENS_SIZE), np.zeros((count, RAY)), np.zeros((3, 3))
         relative.lens_of(in_camera, lens)
         status = rays_of(lens, in_limb.limb_px, in_limb.sigma_px, count, params.noise_factor, rays)
         if status != relative.VALID:
@@ -136,9 +136,7 @@ class HorizonNav(KernelModule):
             return
         B = (scale(1.0 / a, dcm_EC[0]), scale(1.0 / b, dcm_EC[1]), scale(1.0 / c, dcm_EC[2]))
         B = local_frame(B, rays, count)
-        status, n, chi2, kept = fit(B, rays, params.robust, params.gate, params.min_share, A)
-        if status == relative.VALID and not relative.invert_spd(A, inv):
-            status = relative.NO_SOLUTION
+        status, n, chi2, kept = fit(B, rays, params.robust, params.gate, params.min_share, inv)
         if status != relative.VALID:
             out_position.status = status
             return
