@@ -69,8 +69,10 @@ def harmonic_acceleration(r: V3, mu: float, radius: float, degree: int, c: F64, 
         tc, ts, dc, ds = (m + 1) * pc, (m + 1) * ps, 0.0, 0.0
         for n in range(m + 1, degree + 1):
             a, b = _A[m, n], _B[m, n] * q2
-            new = a * qu * p - b * before
-            slope, slope_before = a * (q * p + qu * slope) - b * slope_before, slope
+            a_qu = a * qu
+            new = a_qu * p - b * before
+            # so arranged, a step waits for one product and one sum of the step before
+            slope, slope_before = a_qu * slope + (a * q * p - b * slope_before), slope
             p, before = new, p
             xc, xs = p * c[n, m], p * s[n, m]
             pc += xc
