@@ -120,7 +120,7 @@ class OpNavLimbMsg(Message):
 
 
 class OpNavMsg(Message):
-    """Position of the camera C relative to a body P from one image. If not ``valid``, the numbers are not to be used."""
+    """Position of the camera C relative to a body P from one image. Not ``valid``: the numbers are not to be used."""
 
     exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
     valid: Annotated[bool, "-", "the position passed every check"]
@@ -133,3 +133,30 @@ class OpNavMsg(Message):
     P_rr_N: Annotated[Mat3, "m^2", "covariance of the position, N components", NanOk()]
     P_rr_B: Annotated[Mat3, "m^2", "the same in B components", NanOk()]
     P_rr_C: Annotated[Mat3, "m^2", "the same in C components", NanOk()]
+
+
+class OpNavBrightnessMsg(Message):
+    """Centre of brightness of a body's lit part, which is not the body's centre. Not ``valid``: not to be used."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    valid: Annotated[bool, "-", "a lit body was found that passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    body_id: Annotated[int, "-", "NAIF identifier of the body that the light is taken for"]
+    center_px: Annotated[Vec2, "px", "centre of brightness (column, row), distorted", NanOk()]
+    P_px: Annotated[F64, Shape(2, 2), "px^2", "covariance of column and row", NanOk()]
+    area_px: Annotated[float, "px^2", "area of the lit part", NanOk()]
+
+
+class OpNavDirectionMsg(Message):
+    """Direction of a body P from the camera C from one image. If not ``valid``, the numbers are not to be used."""
+
+    exposure_ns: Annotated[int, "ns", "middle of the exposure, simulation time"]
+    valid: Annotated[bool, "-", "the direction passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    body_id: Annotated[int, "-", "NAIF identifier of the body"]
+    u_PC_N: Annotated[Vec3, "-", "unit vector from the camera to the body's centre, N components", NanOk()]
+    u_PC_B: Annotated[Vec3, "-", "the same in B components", NanOk()]
+    u_PC_C: Annotated[Vec3, "-", "the same in C components", NanOk()]
+    P_uu_N: Annotated[Mat3, "-", "covariance of the unit vector, N components; none along it", NanOk()]
+    P_uu_B: Annotated[Mat3, "-", "the same in B components", NanOk()]
+    P_uu_C: Annotated[Mat3, "-", "the same in C components", NanOk()]
