@@ -1,0 +1,315 @@
+"""The picture before the detector: rays, maps, light, air, clouds, stars, in bands of rows on several threads."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.imaging.maps import SEA_LEVEL, GeoMap
+from fsw.math.camera import channel_lens, project_point, undistort
+from fsw.math.geodesy import A, B
+from messages.base import F64
+from messages.opnav import CameraConfigMsg
+from sim.camera.earth_camera.clouds import cloud_band, noise_lattice, threshold
+from sim.camera.earth_camera.kernel import F32, U8, ground_band, limb_band, optical_depth, shade_band, soften
+from sim.camera.earth_camera.layers import MapLayer, View, Window
+from sim.camera.earth_camera.params import EarthCameraParams
+from sim.camera.earth_camera.pose import Pose
+from sim.camera.earth_camera.sampler import (
+    U16,
+    level_of,
+    light_cells,
+    node_colours,
+    sample_band,
+    smooth_cells,
+    spread_rows,
+)
+from sim.camera.earth_camera.sky import add_stars, star_light
+from sim.camera.earth_camera.terrain import Terrain, terrain_band, terrain_of
+from sim.environment.star_catalogue import bright_stars
+
+CV: Any = cv2
+STEP = 16
+"""Pixels between the nodes at which footprints, and on the interpolated grid everything else, are computed."""
+BAND = 32
+"""Rows that one thread works on at a time: its arrays stay in the cache."""
+GRID_ERROR = 0.05
+"""Largest error of the interpolated grid [px]; cells that bend more are drawn ray by ray."""
+WORKERS = min(os.cpu_count() or 1, 8)
+
+
+class Rendered(NamedTuple):
+    """A picture before the detector."""
+
+    radiance: F32
+    """(rows, columns, 3), red, green, blue."""
+    mask: NDArray[np.bool_]
+    """(rows, columns): True where a map was seen."""
+
+
+class _Lens(NamedTuple):
+    """Rays of a lens, and the channels it is for."""
+
+    vector: F64
+    channels: tuple[int, ...]
+    x_tan: F64
+    y_tan: F64
+    node_x: F64
+    node_y: F64
+
+
+class _Nodes(NamedTuple):
+    lat: F64
+    lon: F64
+    light: F32
+    mass: F32
+    path: F32
+
+
+class EarthRenderer:
+    """Draws what a camera sees of the Earth. Maps stay in memory from picture to picture."""
+
+    def __init__(
+        self, camera: CameraConfigMsg, maps: GeoMap, params: EarthCameraParams, workers: int = WORKERS
+    ) -> None:
+        """Prepare rays and tables.
+
+        Args:
+            camera: size, lens and mounting.
+            maps: pictures of the ground, fine to coarse, and heights.
+            params: what to draw.
+            workers: threads.
+        """
+        self.camera, self.maps, self.params, self.workers = camera, maps, params, workers
+        self.shape = camera.height_px, camera.width_px
+        self.layers = [MapLayer(raster) for raster in maps.layers]
+        self._depth = optical_depth(params.haze, params.aerosol)
+        self._lattice = noise_lattice(params.cloud_seed) if params.clouds > 0.0 else None
+        self._terrain: tuple[object, Terrain] | None = None
+        lenses = [channel_lens(camera, c) for c in range(3)]
+        distinct = {lens.tobytes(): lens for lens in lenses}
+        self._lenses = [
+            self._rays(lens, tuple(c for c in range(3) if lenses[c].tobytes() == key)) for key, lens in distinct.items()
+        ]
+        stars = bright_stars()
+        self._stars = stars.u_N, star_light(stars, float(np.sqrt(np.prod(camera.focal_px))))
+
+    def _rays(self, lens: F64, channels: tuple[int, ...]) -> _Lens:
+        rows, columns = self.shape
+        nodes = [STEP * np.arange((n - 1) // STEP + 2, dtype=float) for n in self.shape]
+        planes: list[F64] = []
+        for x, y in ((np.arange(columns, dtype=float), np.arange(rows, dtype=float)), (nodes[1], nodes[0])):
+            pixel = np.stack(np.meshgrid(x, y), axis=-1)
+            out = np.empty((pixel.shape[0] * pixel.shape[1], 2))
+            undistort(lens, np.ascontiguousarray(pixel.reshape(-1, 2)), out)
+            planes += [np.ascontiguousarray(out[:, k].reshape(pixel.shape[:2])) for k in (0, 1)]
+        return _Lens(lens, channels, *planes)
+
+    def render(self, poses: Pose | Sequence[Pose], sun_E: F64) -> Rendered:
+        """Draw a picture, or the mean of several: sub-exposures of a moving camera.
+
+        Args:
+            poses: of the camera, Earth-fixed.
+            sun_E: direction of the Sun, Earth-fixed (3,), any length.
+
+        Raises:
+            ValueError: if the camera is inside the Earth, or a number is not finite.
+            MapError: if a map file cannot be read.
+        """
+        series = [poses] if isinstance(poses, Pose) else list(poses)
+        sun = np.asarray(sun_E, float) / np.linalg.norm(sun_E)
+        if not np.all(np.isfinite(sun)):
+            raise ValueError(f"sun_E: expected a direction, got {sun_E}; give the Sun's position")
+        total = np.zeros((*self.shape, 3), np.float32)
+        masks: list[NDArray[np.bool_]] = []
+        for pose in series:
+            _check(pose)
+            for lens in self._lenses:
+                image, mask = self._draw(lens, pose, sun)
+                for c in lens.channels:
+                    total[..., c] += image[..., c]
+                masks.append(mask)
+        if len(series) > 1:
+            total /= np.float32(len(series))
+        return Rendered(total, np.logical_and.reduce(masks) if len(masks) > 1 else masks[0])
+
+    def motion_px(self, before: Pose, after: Pose) -> float:
+        """How far the ground in view moves in the picture between two poses, at most [px]."""
+        lens = self._lenses[0]
+        first, x_n, y_n = self._nodes(lens, before, np.array([1.0, 0.0, 0.0])), lens.node_x, lens.node_y
+        known = np.isfinite(first.lat)
+        lat, lon = first.lat[known], first.lon[known]
+        e = np.stack([A * np.cos(lat) * np.cos(lon), A * np.cos(lat) * np.sin(lon), B * np.sin(lat)], axis=-1)
+        if len(e) == 0:  # only the sky: it turns
+            known = np.isfinite(x_n)
+            rays = np.stack([x_n[known], y_n[known], np.ones(int(known.sum()))], axis=-1)
+            e = 1e12 * rays @ before.dcm_CE[0]
+        ends = [(e - p.r_CE_E[-1]) @ p.dcm_CE[-1].T for p in (before, after)]
+        pixels = [
+            np.array([project_point(lens.vector, *map(float, c)) for c in end[:: max(1, len(e) // 64)]]) for end in ends
+        ]
+        moved = np.linalg.norm(pixels[1] - pixels[0], axis=1)
+        return float(np.max(moved[np.isfinite(moved)], initial=0.0))
+
+    def _nodes(self, lens: _Lens, pose: Pose, sun: F64) -> _Nodes:
+        shape = lens.node_x.shape
+        lat, lon = np.empty(shape), np.empty(shape)
+        light, mass, path = (np.empty(shape, np.float32) for _ in range(3))
+        self._ground(lens.node_x, lens.node_y, 0, STEP, pose, sun, _Nodes(lat, lon, light, mass, path), None)
+        return _Nodes(lat, lon, light, mass, path)
+
+    def _ground(
+        self, x: F64, y: F64, first: int, step: int, pose: Pose, sun: F64, out: _Nodes, terrain: Terrain | None
+    ) -> None:
+        lat, lon, light, mass, path = out
+        r, dcm = pose.r_CE_E, pose.dcm_CE
+        ground_band(x, y, first, step, r, dcm, sun, *out)
+        if terrain is not None:
+            terrain_band(x, y, first, step, r, dcm, sun, *terrain, lat, lon, light)
+        if np.isnan(lat).any():
+            limb_band(x, y, first, step, r, dcm, sun, lat, light, mass, path)
+        if not self.params.sunlight:
+            light.fill(1.0)
+            mass.fill(0.0)
+            path.fill(0.0)
+        elif self.params.sun_exponent != 1.0:
+            soften(light, self.params.sun_exponent)
+
+    def _heights(self, nodes: _Nodes) -> Terrain | None:
+        """Terrain in view, kept as long as the map reader gives the same window."""
+        if self.maps.terrain is None:
+            return None
+        known = np.isfinite(nodes.lat)
+        grid = self.maps.height_grid(nodes.lat[known], nodes.lon[known])
+        if grid is None or grid is SEA_LEVEL:
+            return None
+        key = grid[1:], grid.heights.shape
+        if self._terrain is None or self._terrain[0] != key:
+            self._terrain = key, terrain_of(grid)
+        return self._terrain[1]
+
+    def _draw(self, lens: _Lens, pose: Pose, sun: F64) -> tuple[F32, NDArray[np.bool_]]:
+        nodes = self._nodes(lens, pose, sun)
+        terrain = self._heights(nodes)
+        if terrain is not None:
+            self._ground(lens.node_x, lens.node_y, 0, STEP, pose, sun, nodes, terrain)
+        views = [v for layer in self.layers if (v := layer.view(nodes.lat, nodes.lon, STEP)) is not None]
+        image = np.zeros((*self.shape, 3), np.float32)
+        todo = np.ones(self.shape, np.uint8)
+        mask = np.ones(self.shape, np.bool_)
+        with ThreadPoolExecutor(self.workers) as pool:
+            if self.params.interpolated and self._lattice is None:
+                self._interpolate(nodes, views, image, todo, pool.map)
+            boxes = [box for top in range(0, self.shape[0], BAND) if (box := _box(todo, top)) is not None]
+            sky = list(pool.map(lambda box: self._tile(lens, pose, sun, terrain, views, box, image, todo, mask), boxes))
+        if any(sky) and self.params.star_gain > 0.0:
+            u_N, light = self._stars
+            count = max(len(pose.dcm_CE), len(pose.dcm_EN))
+            dcm_CN = np.broadcast_to(pose.dcm_CE, (count, 3, 3)) @ np.broadcast_to(pose.dcm_EN, (count, 3, 3))
+            gain = np.float32(self.params.star_gain * self.params.brightness)
+            add_stars(image, todo == 2, lens.channels, lens.vector, dcm_CN, u_N, gain * light)
+        return image, mask
+
+    def _interpolate(
+        self, nodes: _Nodes, views: Sequence[View], image: F32, todo: U8, spread: Callable[..., object]
+    ) -> None:
+        """Draw the cells where everything but the map itself may be interpolated."""
+        cells = nodes.lat.shape[0] - 1, nodes.lat.shape[1] - 1
+        colour = np.empty((*nodes.lat.shape, 6), np.float32)
+        node_colours(nodes.light, nodes.mass, nodes.path, self._depth, self.params.brightness, colour)
+        free = np.ones(cells, np.uint8)
+        parts = 4 * self.workers
+        for view in views:
+            use = np.zeros(cells, np.uint8)
+            smooth_cells(view.at, view.prints, *view.window.levels[0, 1:], GRID_ERROR, free, use)
+            bands = np.flatnonzero(use.any(axis=1)).tolist()
+            list(spread(functools.partial(_cells, view, use, colour, image, todo), bands))
+
+    def _tile(
+        self, lens: _Lens, pose: Pose, sun: F64, terrain: Terrain | None, views: Sequence[View],
+        box: tuple[int, int, int, int], image: F32, todo: U8, mask: NDArray[np.bool_],
+    ) -> bool:  # fmt: skip
+        """Draw a part of the picture ray by ray; pixels of the sky get 2 in ``todo``. Returns whether there is any."""
+        top, bottom, left, right = box
+        part = slice(top, bottom), slice(left, right)
+        x, y = (np.ascontiguousarray(a[part]) for a in (lens.x_tan, lens.y_tan))
+        ground = _Nodes(np.empty(x.shape), np.empty(x.shape), *(np.empty(x.shape, np.float32) for _ in range(3)))
+        self._ground(x, y, top, 1, pose, sun, ground, terrain)
+        here, off = np.ascontiguousarray(todo[part]), np.isnan(ground.lat)
+        want = np.where(off, np.uint8(0), here)
+        asked = want == 1
+        whole = right - left == self.shape[1] and bool(here.all())
+        picture = image[part] if whole else np.zeros((*x.shape, 3), np.float32)
+        for window, _, prints in views:
+            sample_band(
+                ground.lat, ground.lon, top, left, STEP, window.table, window.frame, prints,
+                window.pixels, window.levels, picture, want,
+            )  # fmt: skip
+        if self._lattice is not None:
+            p, focal = self.params, float(np.sqrt(np.prod(self.camera.focal_px)))
+            cloud_band(
+                x, y, top, pose.r_CE_E, pose.dcm_CE, sun, ground.lat, ground.lon, self._lattice,
+                threshold(p.clouds), p.cloud_height, focal, picture, want,
+            )  # fmt: skip
+        p = self.params
+        shade_band(picture, ground.light, ground.mass, ground.path, self._depth, p.brightness, here)
+        drawn = here == 1
+        if not whole:
+            np.copyto(image[part], picture, where=drawn[..., None])
+        np.copyto(mask[part], asked & (want == 0), where=drawn)
+        todo[part][off & drawn] = 2
+        return bool(off.any())
+
+
+def _cells(view: View, use: U8, colour: F32, image: F32, todo: U8, first: int) -> None:
+    """Draw the cells to be interpolated in one row of cells."""
+    window, at, prints = view
+    top, levels = len(window.levels) - 1, prints[first, :, 0]
+    columns = np.flatnonzero(use[first])
+    left, right = int(columns[0]), int(columns[-1]) + 1
+    rows = min(STEP, image.shape[0] - first * STEP)
+    size = rows, min(right * STEP, image.shape[1]) - left * STEP
+    x, y = np.empty(size, np.float32), np.empty(size, np.float32)
+    spread_rows(at[..., 0], first, STEP, left, x)
+    spread_rows(at[..., 1], first, STEP, left, y)
+    chosen = [level_of(float(octave), top) for octave in levels[columns]]
+    for level in sorted({k for k, _ in chosen}):
+        low = high = _remap(window, level, x, y)
+        if any(blend > 0.0 for k, blend in chosen if k == level):
+            high = _remap(window, level + 1, x, y)
+        light_cells(low, high, first, STEP, left, level, use, top, prints, colour, image, todo)
+
+
+def _remap(window: Window, level: int, x: F32, y: F32) -> U16:
+    """One level of a map at places x, y of level 0."""
+    start, rows, columns = window.levels[level]
+    picture = window.pixels[start : start + rows * columns].reshape(rows, columns, 4)
+    if level > 0:
+        size = np.float32(0.5**level)
+        x, y = (x + np.float32(0.5)) * size - np.float32(0.5), (y + np.float32(0.5)) * size - np.float32(0.5)
+    return CV.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _check(pose: Pose) -> None:
+    r = pose.r_CE_E
+    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(pose.dcm_CE))):
+        raise ValueError("pose: expected finite numbers; look at what makes position and attitude of the camera")
+    inside = np.sqrt((r[:, 0] ** 2 + r[:, 1] ** 2) / A**2 + r[:, 2] ** 2 / B**2)
+    if float(inside.min()) <= 1.0:
+        away = float(np.linalg.norm(r[int(inside.argmin())])) / 1e3
+        text = f"expected a camera outside the Earth, got one {away:.1f} km from its centre"
+        raise ValueError(f"pose.r_CE_E: {text}; positions are in m")
+
+
+def _box(todo: U8, top: int) -> tuple[int, int, int, int] | None:
+    """Rows and columns of a band that still have pixels to draw, or None."""
+    band = todo[top : top + BAND]
+    columns = np.flatnonzero(band.any(axis=0))
+    return None if columns.size == 0 else (top, top + len(band), int(columns[0]) // STEP * STEP, int(columns[-1]) + 1)
