@@ -57,9 +57,9 @@ class Pair(NamedTuple):
 class Score(NamedTuple):
     """What a detector did on one pair."""
 
-    features: int
+    features: float
     repeatability: float
-    matches: int
+    matches: float
     inliers: float
     sigma_px: float
     milliseconds: float
@@ -119,7 +119,7 @@ def _corrected(expected: F64, seen: F64) -> F64:
         near = np.linalg.norm(full @ fit - seen, axis=1) < threshold
         if near.sum() < 6:
             break
-        fit = np.linalg.lstsq(full[near], seen[near], rcond=None)[0]
+        fit = np.asarray(np.linalg.lstsq(full[near], seen[near], rcond=None)[0], np.float64)
     return fit
 
 
@@ -132,7 +132,7 @@ def score(name: str, pair: Pair) -> Score:
     b = detect(name, pair.second, pair.mask, limit=LIMIT)
     expected = pair.where(a.place_px)
     rows, columns = pair.second.shape
-    inside = ((expected > 10.0) & (expected < [columns - 11.0, rows - 11.0])).all(axis=1)
+    inside: NDArray[np.bool_] = np.all((expected > 10.0) & (expected < [columns - 11.0, rows - 11.0]), axis=1)
     if pair.mask is not None:
         at = np.rint(np.where(inside[:, None], expected, 0.0)).astype(np.int64)
         inside &= pair.mask[at[:, 1], at[:, 0]]
@@ -170,9 +170,9 @@ def page(scores: dict[str, dict[str, list[Score]]]) -> str:
         "space station, and of the map rendered into their views; how the right places are known is said at the",
         f"head of that program. At most {LIMIT} features an image, mutual matches with a ratio below {RATIO}.",
         "",
-        f"*Repeatability*: found again within {NEAR_PX:g} px and of similar size. *Inliers*: matches within {AGREE_PX:g} px",
-        "of the right place. *Sigma*: of one place and coordinate, robust; where few matches are right, it is that of",
-        f"chance. *Time*: the least, for an image of 1296 x 972 pixels ({platform.machine()}, two cores).",
+        f"*Repeatability*: found again within {NEAR_PX:g} px and of similar size. *Inliers*: matches within",
+        f"{AGREE_PX:g} px of the right place. *Sigma*: of one place and coordinate, robust; where few matches are right,",
+        f"it is that of chance. *Time*: the least, for an image of 1296 x 972 pixels ({platform.machine()}, two cores).",
         "",
     ]
     for kind, rows in scores.items():
@@ -195,7 +195,10 @@ def page(scores: dict[str, dict[str, list[Score]]]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Compare and write the page."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.features", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.features",
+        description="Compare the detectors of features on real pairs of images and write a page.",
+    )
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE", help="default: docs/features.md")
     given = parser.parse_args(arguments)
     scores = {
