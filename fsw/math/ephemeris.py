@@ -101,7 +101,8 @@ def chebyshev_fit(position: Position, epoch_ns: int, segments: int) -> F64:
         raise ValueError(f"position: expected {times.size} rows of 3 finite numbers (m), got shape {values.shape}")
     x = 2.0 * points / SEGMENT_NS - 1.0
     vandermonde = np.polynomial.chebyshev.chebvander(x, ORDER - 1)
-    return np.linalg.solve(vandermonde, values.reshape(segments, ORDER, 3))
+    table = np.linalg.solve(vandermonde, values.reshape(segments, ORDER, 3))
+    return np.asarray(table, np.float64)
 
 
 def chebyshev_table(body_id: int, center_id: int, epoch_ns: int, segments: int) -> F64:

@@ -137,7 +137,9 @@ def mean_motion(a: float, e: float, mu: float) -> float:
     if e == 1.0:
         return math.sqrt(-0.5 * mu / (a * a * a)) if a < 0.0 else math.nan
     q = mu / (a * a * a)
-    return math.sqrt(q if e < 1.0 else -q)
+    if e > 1.0:
+        q = -q
+    return math.sqrt(q) if q > 0.0 else math.nan
 
 
 @compiled

@@ -124,10 +124,11 @@ def test_rotation_vector_at_all_lengths_against_mpmath(angle: float) -> None:
     axis = np.array([0.48, -0.6, 0.64])
     phi = angle * axis
     with mpmath.workdps(40):
-        half = mpmath.sqrt(sum((mpmath.mpf(float(x)) ** 2 for x in phi), mpmath.mpf(0))) / 2
+        half: Any = mpmath.sqrt(sum((mpmath.mpf(float(x)) ** 2 for x in phi), mpmath.mpf(0))) / 2
         k = mpmath.sin(half) / (2 * half) if half else mpmath.mpf("0.5")
-        sign = -1 if mpmath.cos(half) < 0 else 1
-        expected = [float(sign * mpmath.cos(half)), *(float(sign * k * mpmath.mpf(float(x))) for x in phi)]
+        cosine: Any = mpmath.cos(half)
+        sign = -1 if cosine < 0 else 1
+        expected = [float(sign * cosine), *(float(sign * k * mpmath.mpf(float(x))) for x in phi)]
     got = at.rotvec_to_ep(v3(phi))
     # towards a whole turn the sine vanishes, and what stays at the last bits is the absolute error
     relative, absolute = (1e-15, 0.0) if angle < np.pi else (0.0, 1e-15)

@@ -94,7 +94,7 @@ def test_height_is_nearly_geodetic(criterion: Criterion) -> None:
     for lat in np.linspace(-np.pi / 2, np.pi / 2, 20):
         for height in (0.0, 2e5, 5e5):
             r = position_of(lat, 1.0, height)
-            found = plain(height_above_spheroid)(np.linalg.norm(r), r[2], 6378137.0, 1 / 298.257223563)
+            found = plain(height_above_spheroid)(float(np.linalg.norm(r)), r[2], 6378137.0, 1 / 298.257223563)
             worst = max(worst, abs(found - height))
     criterion("ATMOSPHERE-5", worst)
 
@@ -117,7 +117,14 @@ def test_bands_are_checked() -> None:
     Atmosphere.Params(bands=5, base_height=base, density=full, scale_height=np.where(base < 5, full, 0.0))
     with pytest.raises(ValueError, match="scale_height"):
         Atmosphere.Params(base_height=base, density=full)
-    for wrong in ({"radius": 0.0}, {"flattening": 1.0}, {"bands": 29}, {"bands": 0}, {"density": -full}):
+    wrongs: list[dict[str, Any]] = [
+        {"radius": 0.0},
+        {"flattening": 1.0},
+        {"bands": 29},
+        {"bands": 0},
+        {"density": -full},
+    ]
+    for wrong in wrongs:
         with pytest.raises(ValueError, match=next(iter(wrong))):
             Atmosphere.Params(**wrong)
 

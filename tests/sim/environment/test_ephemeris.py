@@ -104,7 +104,7 @@ def test_sun_against_the_almanac(criterion: Criterion) -> None:
     times, worst = np.arange(0, 400, 7) * DAY, 0.0
     r, v = states(params_of(10), times)
     for k, t in enumerate(times):
-        whole, rest = dates(t)
+        whole, rest = julian_dates(int(START + t))
         n = whole - 2451545.0 + rest
         mean, anomaly = np.radians(280.460 + 0.9856474 * n), np.radians(357.528 + 0.9856003 * n)
         longitude = mean + np.radians(1.915 * np.sin(anomaly) + 0.020 * np.sin(2 * anomaly))

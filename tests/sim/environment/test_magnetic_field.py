@@ -180,9 +180,9 @@ def test_lower_degree_is_a_shorter_sum() -> None:
     """Degree 1 is the dipole, written out."""
     r = np.array([-2e6, 5e6, 4.5e6])
     found = field(sky_of(2025.0, igrf14(), degree=1), r)
-    gauss, distance = 1e-9 * np.array([-1410.3, 4545.5, -29350.0]), np.linalg.norm(r)
+    gauss, distance = 1e-9 * np.array([-1410.3, 4545.5, -29350.0]), float(np.linalg.norm(r))
     expected = (6371200.0 / distance) ** 3 * (3 * r * (gauss @ r) / distance**2 - gauss)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15 * np.linalg.norm(expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15 * float(np.linalg.norm(expected)))
 
 
 def test_igrf_is_the_default() -> None:
