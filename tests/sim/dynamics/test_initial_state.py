@@ -122,6 +122,22 @@ def test_tle_at_its_epoch() -> None:
         (lambda: initial_state.sun_synchronous(700e3, 25.0, 0), "local_time"),
         (lambda: initial_state.from_tle(TLE[0], TLE[1].replace("51.6420", "51.6421"), 0), "checksum"),
         (lambda: body(12345), "12345"),
+        (lambda: body("Jupitr"), "did you mean Jupiter"),
+        (lambda: initial_state.planet_params(398), "398"),
+        (lambda: initial_state.from_rv(R, V, beta_BN=[1.0, 0.0, 0.0, 0.1]), "beta_BN: expected four numbers"),
+        (lambda: initial_state.from_rv(R, V, beta_BN=[math.nan, 0.0, 0.0, 0.0]), "beta_BN: expected four numbers"),
+        (lambda: initial_state.from_rv(R, V, roll_pitch_yaw=[0.0, math.inf, 0.0]), "roll_pitch_yaw: expected three"),
+        (lambda: initial_state.from_rv(R, [0.0, 0.0, 0.0]), "parallel or zero"),
+        (
+            lambda: initial_state.from_geodetic(0.9, 0.0, 5e5, np.ones((3, 3)), heading=1.0),
+            "dcm_EN: expected a rotation",
+        ),
+        (lambda: initial_state.from_geodetic(0.9, 0.0, 5e5, np.eye(3), heading=math.nan), "heading: expected a finite"),
+        (lambda: initial_state.from_geodetic(0.9, math.nan, 5e5, np.eye(3), heading=1.0), "longitude, height"),
+        (lambda: initial_state.from_geodetic(2.0, 0.0, 5e5, np.eye(3), heading=1.0), "latitude: expected"),
+        (lambda: initial_state.from_geodetic(0.9, 0.0, -5e3, np.eye(3), heading=1.0), "through Earth"),
+        (lambda: initial_state.from_geodetic(0.9, 0.0, 5e5, np.eye(3), inclination=2.5), "38.* to 128|51.* to 128"),
+        (lambda: initial_state.from_tle(TLE[0], TLE[1], epoch("1960-01-01T00:00:00Z")), "1960|SGP4"),
     ],
 )
 def test_what_is_refused(make: Any, text: str) -> None:
@@ -137,3 +153,84 @@ def test_every_body_makes_a_planet(planet: str) -> None:
     r, speed = 3.0 * b.radius, math.sqrt(b.mu / (3.0 * b.radius))
     state = initial_state.from_rv([r, 0.0, 0.0], [0.0, 0.8 * speed, 0.6 * speed], planet=planet)
     assert params.mu == b.mu and np.linalg.norm(state.r_BN_N) == r
+
+
+def test_inertial_attitude_and_rate() -> None:
+    """Euler parameters instead of angles; without an inertial rate the body stays with the orbit frame."""
+    beta = np.array([0.5, -0.5, 0.5, 0.5])
+    still = initial_state.from_rv(R, V, beta_BN=beta, omega_BN_B=[0.0, 0.0, 0.0])
+    dcm_BN = Rotation.from_quat(beta, scalar_first=True).as_matrix().T
+    np.testing.assert_allclose(Rotation.from_mrp(still.sigma_BN.copy()).as_matrix().T, dcm_BN, atol=1e-15)
+    assert not still.omega_BN_B.any()
+    with_orbit = initial_state.from_rv(R, V, beta_BN=beta)
+    np.testing.assert_allclose(with_orbit.omega_BN_B, dcm_BN @ np.cross(R, V) / (R @ R), atol=1e-18)
+
+
+def test_orbit_frame_rate_by_differences() -> None:
+    """On an eccentric orbit too the level body keeps its axes in the orbit frame: flown for 1 s each way."""
+    state = initial_state.from_elements(9e6, 0.2, 1.1, 0.3, 0.7, 1.3)
+    r, v = state.r_BN_N.copy(), state.v_BN_N.copy()
+    g = -3.986004415e14 * r / np.linalg.norm(r) ** 3
+
+    def axes(t: float) -> Rotation:
+        """Position to the third order, velocity to the second."""
+        at, speed = r + v * t + 0.5 * g * t * t, v + g * t
+        z = -at / np.linalg.norm(at)
+        y = -np.cross(at, speed) / np.linalg.norm(np.cross(at, speed))
+        return Rotation.from_matrix(np.stack([np.cross(y, z), y, z], axis=1))
+
+    h = 0.05
+    rate = (axes(-h).inv() * axes(h)).as_rotvec() / (2.0 * h)
+    np.testing.assert_allclose(state.omega_BN_B, rate, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("r", "v", "refused"),
+    [
+        # periapsis between both radii: refused over the equator, allowed over the pole
+        ([6.37e6, 0.0, 0.0], [0.0, 8.2e3, 0.0], True),
+        ([0.0, 0.0, 6.37e6], [0.0, 8.2e3, 0.0], False),
+        # an ellipse comes back, a hyperbola that climbs does not
+        ([6.5e6, 0.0, 0.0], [7e3, 3e3, 0.0], True),
+        ([6.5e6, 0.0, 0.0], [12e3, 3e3, 0.0], False),
+        ([6.5e6, 0.0, 0.0], [-12e3, 3e3, 0.0], True),
+        ([4e7, 0.0, 0.0], [-1e3, 9e3, 0.0], False),
+    ],
+)
+def test_orbits_that_meet_the_earth(r: list[float], v: list[float], refused: bool) -> None:
+    if refused:
+        with pytest.raises(ValueError, match="through Earth"):
+            initial_state.from_rv(r, v)
+    else:
+        assert initial_state.from_rv(r, v).r_BN_N[2] == r[2]
+
+
+@pytest.mark.parametrize(
+    ("planet", "moon_km", "days", "tolerance"),
+    [  # semi-major axes and periods of moons: JPL and NASA tables; the mass of the moon counts too
+        ("Earth", 384400.0, 27.3217, 0.02),
+        ("Mars", 9376.0, 0.31891, 1e-3),
+        ("Jupiter", 421800.0, 1.769138, 1e-3),
+        ("Saturn", 1221870.0, 15.945421, 1e-3),
+        ("Uranus", 436298.0, 8.705872, 1e-3),
+        ("Neptune", 354759.0, 5.876854, 1e-3),
+        ("Pluto", 19591.0, 6.387230, 0.13),
+        ("Sun", 149598023.0, 365.25636, 1e-4),
+    ],
+)
+def test_mu_of_planets_by_their_moons(planet: str, moon_km: float, days: float, tolerance: float) -> None:
+    mu = 4.0 * math.pi**2 * (moon_km * 1e3) ** 3 / (days * 86400.0) ** 2
+    assert body(planet).mu == pytest.approx(mu, rel=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("name", "gravity"),
+    [
+        *[("Moon", 1.62), ("Mercury", 3.70), ("Venus", 8.87), ("Io", 1.796), ("Europa", 1.314), ("Ganymede", 1.428)],
+        *[("Callisto", 1.236), ("Titan", 1.352), ("Ceres", 0.27), ("Vesta", 0.22), ("Phobos", 0.0057)],
+    ],
+)
+def test_gravity_on_the_ground(name: str, gravity: float) -> None:
+    """Published to two or three digits."""
+    b = body(name)
+    assert b.mu / b.radius**2 == pytest.approx(gravity, rel=0.06 if gravity < 1.0 else 0.01)

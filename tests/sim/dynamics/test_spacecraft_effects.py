@@ -310,7 +310,8 @@ def test_rate_relative_to_the_orbit_frame(criterion: Criterion) -> None:
         change = np.linalg.solve(inertia, -np.cross(w_BI, inertia @ w_BI))
         if exact:
             change = change + np.cross(w_BO, dcm_BO @ w_OI)
-        return np.concatenate([0.5 * (q[3] * w_BO + np.cross(q[:3], w_BO)), [-0.5 * q[:3] @ w_BO], change])
+        turning = np.array([*(q[3] * w_BO + np.cross(q[:3], w_BO)), -q[:3] @ w_BO])
+        return np.concatenate([0.5 * turning, change])
 
     roll = Rotation.from_euler("x", 5.0, degrees=True)
     y0 = np.concatenate([roll.as_quat(), np.zeros(3)])
