@@ -18,6 +18,9 @@ from modules.opnav import relative
 from modules.opnav.horizon_nav.compat import basilisk_position
 from modules.opnav.horizon_nav.kernel import MIN_POINTS, RAY, fit, local_frame, position, rays_of
 
+STRAIGHT = 400.0
+"""n . n of a limb so straight (angular radius above 87 degrees) that it is more likely an edge of something else."""
+
 
 class HorizonNav(KernelModule):
     """Fits the limb of an ellipsoid to points of an image. See SPEC.md."""
@@ -137,6 +140,8 @@ class HorizonNav(KernelModule):
         B = (scale(1.0 / a, dcm_EC[0]), scale(1.0 / b, dcm_EC[1]), scale(1.0 / c, dcm_EC[2]))
         B = local_frame(B, rays, count)
         status, n, chi2, kept = fit(B, rays, params.robust, params.gate, params.min_share, inv)
+        if status == relative.VALID and not dot(n, n) < STRAIGHT:
+            status = relative.NO_SOLUTION
         if status != relative.VALID:
             out_position.status = status
             return
