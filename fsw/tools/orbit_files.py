@@ -6,9 +6,11 @@ the Sentinels (Earth Explorer EOF). What a file is, its contents tell, not its n
 
 from __future__ import annotations
 
+import gzip
 import math
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from dataclasses import dataclass
 from datetime import date, timedelta
 from pathlib import Path
@@ -30,9 +32,14 @@ _EVEN_SCALES: dict[str, tuple[Scale, int]] = {
     "GPS": ("tai", GPS_BEHIND_TAI),
     "GAL": ("tai", GPS_BEHIND_TAI),
     "QZS": ("tai", GPS_BEHIND_TAI),
+    "IRN": ("tai", GPS_BEHIND_TAI),
+    "BDT": ("tai", 33 * SECOND),
+    "GLO": ("utc", 0),
 }
 """Time systems of files: a scale of ours, and what to add to it, ns."""
 _AXES: dict[str, Axes] = {"EME2000": "EME2000", "J2000": "EME2000", "GCRF": "GCRF", "ICRF": "GCRF"}
+_NO_POSITION = 999999.0
+"""A coordinate of an SP3 file that is missing, km; zeros too."""
 _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})T(.*)")
 
 
@@ -43,6 +50,7 @@ class Arc:
     Attributes:
         name: of the satellite. format: of the file. axes: of the positions; the origin is the Earth's centre.
         epoch_ns: (n,) ascending, TAI ns since 2000-01-01T12:00:00 TAI. r: (n, 3) positions, m.
+        left_out: number of positions that the file says are missing or bad.
     """
 
     name: str
@@ -50,6 +58,7 @@ class Arc:
     axes: Axes
     epoch_ns: I64
     r: F64
+    left_out: int = 0
 
     @property
     def seconds(self) -> F64:
@@ -63,10 +72,11 @@ class Arc:
             ValueError: if fewer than four are left.
         """
         inside = (self.epoch_ns >= start_ns) & (self.epoch_ns <= stop_ns)
-        return _arc(self.name, self.format, self.axes, self.epoch_ns[inside].tolist(), self.r[inside].tolist())
+        times, positions = self.epoch_ns[inside].tolist(), self.r[inside].tolist()
+        return _arc(self.name, self.format, self.axes, times, positions, self.left_out)
 
 
-def _arc(name: str, kind: str, axes: Axes, times: list[int], positions: list[list[float]]) -> Arc:
+def _arc(name: str, kind: str, axes: Axes, times: list[int], positions: list[list[float]], left_out: int = 0) -> Arc:
     """Sort by time, drop what is there twice, check."""
     unique = dict(zip(times, positions, strict=True))
     if len(unique) < 4:
@@ -79,36 +89,45 @@ def _arc(name: str, kind: str, axes: Axes, times: list[int], positions: list[lis
     if d.min() < 6.3e6 or d.max() > 1e9:
         low, high = d.min() / 1e3, d.max() / 1e3
         raise ValueError(f"positions: expected orbits of the Earth, got distances from {low:.0f} to {high:.0f} km")
-    return Arc(name, kind, axes, epoch_ns, r)
+    return Arc(name, kind, axes, epoch_ns, r, left_out)
 
 
 def read_orbit(path: Path, satellite: str | None = None) -> Arc:
     """The positions in a file.
 
     Args:
-        path: SP3, CCSDS OEM (text) or Sentinel EOF. satellite: which of an SP3 file's, "L51" say; None: the only one.
+        path: SP3, CCSDS OEM (text) or Sentinel EOF; packed with gzip or not.
+        satellite: which of an SP3 or OEM file's, "L51" say; None: the only one.
 
     Raises:
         ValueError: if the file is of no known format, or is damaged; the text names file and line.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
+    data = path.read_bytes()
+    if data[:2] == b"\x1f\x8b":
+        try:
+            data = gzip.decompress(data)
+        except (OSError, EOFError) as error:
+            raise ValueError(f"{path.name}: expected a file of gzip, got a damaged one ({error})") from error
+    text = data.decode("utf-8", errors="replace")
     head = text.lstrip("\ufeff \n\r")[:4000]
     try:
         if head.startswith("#") and head[1:2] in "abcd":
             return _read_sp3(text, satellite)
         if head.startswith("CCSDS_OEM_VERS"):
-            return _read_oem(text)
+            return _read_oem(text, satellite)
         if "<Earth_Explorer_File" in head:
             return _read_eof(text)
     except (ValueError, IndexError, ET.ParseError) as error:
         raise ValueError(f"{path.name}: {error}") from error
-    raise ValueError(f"{path.name}: expected an orbit in SP3, CCSDS OEM (text) or Sentinel EOF, got {head[:40]!r}")
+    packed = "; unpack it first" if head.startswith("PK") else ""
+    got = f"got {head[:40]!r}{packed}"
+    raise ValueError(f"{path.name}: expected an orbit in SP3, CCSDS OEM (text) or Sentinel EOF, {got}")
 
 
 def _time(text: str, system: str) -> int:
     """Epoch of a calendar or day-of-year time in a named system."""
     if system not in _EVEN_SCALES:
-        raise ValueError(f"time system: expected one of {', '.join(_EVEN_SCALES)}, got {system}")
+        raise ValueError(f"time system: expected one of {', '.join(_EVEN_SCALES)}, got {system or 'nothing'}")
     if found := _DAY_OF_YEAR.fullmatch(text):
         day = date(int(found[1]), 1, 1) + timedelta(days=int(found[2]) - 1)
         text = f"{day.isoformat()}T{found[3]}"
@@ -118,8 +137,12 @@ def _time(text: str, system: str) -> int:
 
 def _read_sp3(text: str, satellite: str | None) -> Arc:
     lines = text.splitlines()
-    system = next(line[9:12] for line in lines if line.startswith("%c")) if lines[0][1] != "a" else "GPS"
+    systems = [line[9:12].strip() for line in lines if line.startswith("%c")]
+    system = systems[0] if systems and systems[0] != "ccc" else "GPS" if lines[0][1] in "ab" else ""
     axes = lines[0][46:51].strip()
+    if not axes.startswith(("IT", "IG", "SL", "WG")):
+        raise ValueError(f"axes: expected a frame fixed to the Earth (ITRF, IGS, WGS), got {axes or 'nothing'}")
+    missing: Counter[str] = Counter()
     times: dict[str, list[int]] = {}
     positions: dict[str, list[list[float]]] = {}
     now = 0
@@ -132,25 +155,34 @@ def _read_sp3(text: str, satellite: str | None) -> Arc:
                 now = _time(whole, system) + round(second * 1e9)
             elif line.startswith("P"):
                 name, r = line[1:4].strip(), [1e3 * float(line[a : a + 14]) for a in (4, 18, 32)]
-                if any(r):  # zeros say that there is none
-                    times.setdefault(name, []).append(now)
-                    positions.setdefault(name, []).append(r)
+                times.setdefault(name, [])
+                positions.setdefault(name, [])
+                if any(r) and max(r) < 1e3 * _NO_POSITION:
+                    times[name].append(now)
+                    positions[name].append(r)
+                else:
+                    missing[name] += 1
         except ValueError as error:
             raise ValueError(f"line {number}: {error}") from error
-    if satellite is None and len(times) == 1:
-        satellite = next(iter(times))
-    if satellite not in times:
-        asked = f"no satellite {satellite}" if satellite else "several satellites"
-        raise ValueError(f"the file has {asked}; choose one of {', '.join(sorted(times)) or 'none at all'}")
-    if not axes.startswith(("IT", "IG", "SL", "WG")):
-        raise ValueError(f"axes: expected a frame fixed to the Earth (ITRF, IGS, WGS), got {axes or 'nothing'}")
-    return _arc(satellite, "SP3", "ITRF", times[satellite], positions[satellite])
+    satellite = _chosen(satellite, sorted(name for name, there in times.items() if there))
+    return _arc(satellite, "SP3", "ITRF", times[satellite], positions[satellite], missing[satellite])
 
 
-def _read_oem(text: str) -> Arc:
+def _chosen(satellite: str | None, there: list[str]) -> str:
+    """The satellite that is asked for, or the only one."""
+    if satellite is None and len(there) == 1:
+        return there[0]
+    if satellite not in there:
+        asked = f"no positions of {satellite}" if satellite else f"{len(there)} satellites"
+        raise ValueError(f"the file has {asked}; choose one with --satellite: {', '.join(there) or 'there is none'}")
+    return satellite
+
+
+def _read_oem(text: str, satellite: str | None) -> Arc:
     known: dict[str, str] = {}
     times: list[int] = []
     positions: list[list[float]] = []
+    names: list[str] = []
     kinds: set[tuple[str, ...]] = set()
     skip = False
     for number, line in enumerate(text.splitlines(), 1):
@@ -166,8 +198,9 @@ def _read_oem(text: str) -> Arc:
             known[key.strip()] = value.strip()
         elif not skip:
             try:
-                times.append(_time(words[0], known["TIME_SYSTEM"]))
+                times.append(_time(words[0], known["TIME_SYSTEM"].upper()))
                 positions.append([1e3 * float(w) for w in words[1:4]])
+                names.append(known["OBJECT_NAME"])
                 kinds.add(tuple(known[k] for k in ("OBJECT_NAME", "CENTER_NAME", "REF_FRAME")))
             except KeyError as error:
                 raise ValueError(f"line {number}: the metadata before it have no {error.args[0]}") from error
@@ -175,16 +208,19 @@ def _read_oem(text: str) -> Arc:
                 raise ValueError(f"line {number}: {error}") from error
             if len(positions[-1]) != 3:
                 raise ValueError(f"line {number}: expected a time and at least three numbers, got {line.strip()!r}")
-    if len(kinds) != 1:
-        raise ValueError(f"expected one object in one frame, got {len(kinds)}: {sorted(kinds)}; split the file")
-    name, center, frame = kinds.pop()
+    name = _chosen(satellite, sorted(set(names)))
+    frames = sorted({(center, frame) for who, center, frame in kinds if who == name})
+    if len(frames) != 1:
+        raise ValueError(f"expected segments of {name} in one frame, got {frames}; split the file")
+    center, frame = frames[0]
     axes = "ITRF" if frame.startswith(("ITRF", "WGS")) else _AXES.get(frame)
     if center.upper() != "EARTH" or axes is None:
         wanted = f"{', '.join(_AXES)} or ITRF"
         raise ValueError(
             f"expected the centre EARTH and the frame {wanted}, got {center} and {frame}; convert the file"
         )
-    return _arc(name, "CCSDS OEM", axes, times, positions)
+    mine = [k for k, who in enumerate(names) if who == name]
+    return _arc(name, "CCSDS OEM", axes, [times[k] for k in mine], [positions[k] for k in mine])
 
 
 def _read_eof(text: str) -> Arc:
@@ -194,7 +230,11 @@ def _read_eof(text: str) -> Arc:
         raise ValueError(f"Ref_Frame: expected EARTH_FIXED, got {frame}")
     times: list[int] = []
     positions: list[list[float]] = []
+    degraded = 0
     for number, item in enumerate(root.iter("OSV"), 1):
+        if (item.findtext("Quality") or "NOMINAL").strip() != "NOMINAL":
+            degraded += 1
+            continue
         try:
             tai = (item.findtext("TAI") or "").partition("=")[2]
             r = [float(item.findtext(key) or "nan") for key in "XYZ"]
@@ -204,4 +244,4 @@ def _read_eof(text: str) -> Arc:
         except ValueError as error:
             raise ValueError(f"state vector {number}: {error}") from error
         positions.append(r)
-    return _arc(name or "satellite", "Sentinel EOF", "ITRF", times, positions)
+    return _arc(name or "satellite", "Sentinel EOF", "ITRF", times, positions, degraded)

@@ -23,13 +23,17 @@ from fsw.math.harmonics import SIZE, GravityField, harmonic_acceleration
 from fsw.math.integrators import DENSE, STAGES, dop853_dense, dop853_error, dop853_factor, dop853_step, dop853_value
 from fsw.math.vectors import V3, add, axpy, cross, mat_t_vec, matvec, norm, scale, store3, sub, vec3
 from fsw.module import KernelModule, Row
-from messages.base import F64, Bound, Record, Shape, zeros
+from messages.base import F64, I64, Bound, Record, Shape, zeros
 
 ERFA: Any = erfa
 DAYS = 32
 """Longest arc, days."""
 HOURS = 24 * DAYS + 2
 """Rows of the tables of Sun and Moon, one an hour."""
+BATCH = 64
+"""Times in one step."""
+NO_TIMES = np.zeros(BATCH, np.int64)
+NO_TIMES.setflags(write=False)
 _HOUR = 3600.0
 _EQUATOR, _POLE = 6378137.0, 6356752.314245
 _SUN_RADIUS, _EARTH_RADIUS = 695700.0e3, 6371008.4
@@ -87,8 +91,8 @@ def slope(t: float, y: F64, out: F64, params: Row) -> None:
 class Flight(KernelModule):
     """Position and velocity by the method of Dormand and Prince 8(5,3), read from its dense output.
 
-    A step at ``t_ns`` after the start leaves the motion at that time in ``state.motion``; times ascend. The motion is
-    NaN if it cannot be integrated.
+    A step leaves the motion at the times ``state.times_ns`` after the start in ``state.motion``; they ascend, from step
+    to step too. The motion is NaN if it cannot be integrated.
     """
 
     class Params(Record):
@@ -116,7 +120,8 @@ class Flight(KernelModule):
         """The motion and the last step."""
 
         end: Annotated[F64, Shape(6), "m, m/s", "position and velocity at the end of the last step"]
-        motion: Annotated[F64, Shape(6), "m, m/s", "position and velocity at the time asked for"] = zeros(6)
+        times_ns: Annotated[I64, Shape(BATCH), "ns", "times asked for"] = NO_TIMES
+        motion: Annotated[F64, Shape(BATCH, 6), "m, m/s", "position and velocity then"] = zeros(BATCH, 6)
         from_s: Annotated[float, "s", "start of the last step"] = 0.0
         step_s: Annotated[float, "s", "its length"] = 0.0
         next_s: Annotated[float, "s", "length to try next"] = 10.0
@@ -127,28 +132,29 @@ class Flight(KernelModule):
 
     @staticmethod
     def kernel(t_ns: int, params: Row, state: Row) -> None:
-        """Take steps until one reaches ``t_ns``, and read the motion there."""
-        wanted = t_ns / 1e9
+        """Take steps until one reaches each time, and read the motion there."""
         for i in range(3):
             state.limits[i], state.limits[3 + i] = _ERROR_R, _ERROR_V
-        while state.step_s == 0.0 or state.from_s + state.step_s < wanted - 1e-9:
-            t = state.from_s + state.step_s
-            h = min(state.next_s, params.end_s - t)
-            state.start[:] = state.end
-            slope(t, state.start, state.stages[0], params)
-            dop853_step(slope, t, h, state.start, state.stages, state.end, params)
-            error = dop853_error(h, state.stages, state.limits)
-            if error <= 1.0:
-                dop853_dense(slope, t, h, state.start, state.stages, state.end, state.dense, params)
-                state.from_s, state.step_s = t, h
-                state.next_s = h * dop853_factor(error)
-            else:
-                state.end[:] = state.start
-                state.next_s = h * min(dop853_factor(error), 0.9)
-                if not state.next_s > 1e-6:
-                    state.motion[:] = math.nan
-                    return
-        dop853_value(state.dense, (wanted - state.from_s) / state.step_s, state.motion)
+        for k in range(BATCH):
+            wanted = state.times_ns[k] / 1e9
+            while state.step_s == 0.0 or state.from_s + state.step_s < wanted - 1e-9:
+                t = state.from_s + state.step_s
+                h = min(state.next_s, params.end_s - t)
+                state.start[:] = state.end
+                slope(t, state.start, state.stages[0], params)
+                dop853_step(slope, t, h, state.start, state.stages, state.end, params)
+                error = dop853_error(h, state.stages, state.limits)
+                if error <= 1.0:
+                    dop853_dense(slope, t, h, state.start, state.stages, state.end, state.dense, params)
+                    state.from_s, state.step_s = t, h
+                    state.next_s = h * dop853_factor(error)
+                else:
+                    state.end[:] = state.start
+                    state.next_s = h * min(dop853_factor(error), 0.9)
+                    if not state.next_s > 1e-6:
+                        state.motion[:] = math.nan
+                        return
+            dop853_value(state.dense, (wanted - state.from_s) / state.step_s, state.motion[k])
 
 
 def flight_params(
@@ -203,10 +209,13 @@ def fly(params: Flight.Params, start: F64, epoch_ns: list[int]) -> F64:
         ValueError: if the motion cannot be integrated: it meets the centre of the Earth, or leaves the tables.
     """
     flight = Flight("flight", params, Flight.State(end=start))
-    out, motion = np.empty((len(epoch_ns), 6)), flight.state.motion
-    for row, t_ns in zip(out, epoch_ns, strict=True):
-        flight.step(t_ns - params.start_ns)
-        row[:] = motion
+    out, since = np.empty((len(epoch_ns), 6)), np.array(epoch_ns) - params.start_ns
+    for first in range(0, len(out), BATCH):
+        count = min(BATCH, len(out) - first)
+        flight.state.times_ns[:count] = since[first : first + count]
+        flight.state.times_ns[count:] = since[-1]
+        flight.step(0)
+        out[first : first + count] = flight.state.motion[:count]
     if not np.all(np.isfinite(out)):
         raise ValueError("the orbit cannot be followed: it meets the Earth's centre; choose a shorter arc")
     return out

@@ -193,6 +193,6 @@ def test_refused(options: list[str], text: str, capsys: pytest.CaptureFixture[st
 
 def test_no_orientation_of_the_earth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "late.txt"
-    path.write_text(STATION.read_text().replace("2023-07-0", "2024-07-0"))
+    path.write_text(STATION.read_text().replace("2023-07-0", "2031-07-0"))
     assert main(["fit-orbit", str(path), "-o", str(tmp_path / "x")]) == 1
     assert "--eop" in capsys.readouterr().err
