@@ -190,7 +190,7 @@ def earth(craft: Any, case: Case) -> Any:
         model.sBar = [case.S[n, : n + 1].tolist() for n in range(case.degree + 1)]
     body.gravityModel = model
     factory.addBodiesTo(craft)
-    still = messaging.SpicePlanetStateMsgPayload(PlanetName="earth", J20002Pfix=np.eye(3).tolist())
+    still = messaging.SpicePlanetStateMsgPayload(J20002Pfix=np.eye(3).tolist())
     message = messaging.SpicePlanetStateMsg().write(still)
     if case.degree:  # Basilisk warns if it is not told how such a field is turned
         body.planetBodyInMsg.subscribeTo(message)

@@ -47,7 +47,8 @@ class Graph:
         self.period_ns, self.sky, self.noise, self.end, self._names = case.period_ns, sky, noise, 0, 0
         self.sim = new_simulation(case.period_ns)
         self.craft, self._bodies = _spacecraft(case)
-        still = messaging.SpicePlanetStateMsgPayload(PlanetName="earth", J20002Pfix=np.eye(3).tolist())
+        still: Any = messaging.SpicePlanetStateMsgPayload(J20002Pfix=np.eye(3).tolist())
+        still.PlanetName = "earth"
         self.earth = messaging.SpicePlanetStateMsg().write(still)
         self._keep: list[Any] = [self.earth]
         self.sun = sun(self)[0]
