@@ -171,8 +171,9 @@ def page(scores: dict[str, dict[str, list[Score]]]) -> str:
         f"head of that program. At most {LIMIT} features an image, mutual matches with a ratio below {RATIO}.",
         "",
         f"*Repeatability*: found again within {NEAR_PX:g} px and of similar size. *Inliers*: matches within",
-        f"{AGREE_PX:g} px of the right place. *Sigma*: of one place and coordinate, robust; where few matches are right,",
-        f"it is that of chance. *Time*: the least, for an image of 1296 x 972 pixels ({platform.machine()}, two cores).",
+        f"{AGREE_PX:g} px of the right place. *Sigma*: of one place and coordinate, robust; where few matches are",
+        "right, it is that of chance.",
+        f"*Time*: the least, for an image of 1296 x 972 pixels ({platform.machine()}, two cores).",
         "",
     ]
     for kind, rows in scores.items():
