@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fsw import Module, Out, Simulation, Task, s
 from fsw.math.attitude import mrp_inner
+from fsw.math.compiled import plain
 from fsw.math.forces import Scene
 from fsw.math.harmonics import harmonic_acceleration
 from fsw.math.vectors import inverse, mat3
@@ -134,7 +135,7 @@ def equations(case: dict[str, Any]) -> tuple[Slope, F64]:
             row["in_torque"].torque_B[:] = np.array(ext["torque_B"]) - np.cross(c, force)
         r_C, v_C = y[:3] + dcm_NB @ c, y[3:6] + dcm_NB @ np.cross(w, c)
         motion: Any = (tuple(r_C), tuple(v_C), tuple(y[6:9]), tuple(w), (0.0, 0.0, 0.0))
-        rate = [np.array(x) for x in derivative(motion, 0.0, world)]
+        rate = [np.array(x) for x in plain(derivative)(motion, 0.0, world)]
         accel = rate[1] - dcm_NB @ (np.cross(rate[3], c) + np.cross(w, np.cross(w, c)))
         return np.concatenate([y[3:6], accel, rate[2], rate[3]])
 

@@ -311,7 +311,7 @@ def test_rate_relative_to_the_orbit_frame(criterion: Criterion) -> None:
         if exact:
             change = change + np.cross(w_BO, dcm_BO @ w_OI)
         turning = np.array([*(q[3] * w_BO + np.cross(q[:3], w_BO)), -q[:3] @ w_BO])
-        return np.concatenate([0.5 * turning, change])
+        return np.concatenate([0.5 * turning, np.asarray(change, np.float64)])
 
     roll = Rotation.from_euler("x", 5.0, degrees=True)
     y0 = np.concatenate([roll.as_quat(), np.zeros(3)])
