@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from messages.base import Message, Vec3
+from messages.base import F64, Message, Shape, Vec3
+
+MAX_WHEELS = 8
+"""Capacity of messages and parameters of reaction wheels."""
 
 
 class CmdTorqueBodyMsg(Message):
@@ -17,3 +20,9 @@ class CmdForceBodyMsg(Message):
     """Commanded force."""
 
     force_B: Annotated[Vec3, "N", "force on the spacecraft through its centre of mass, B components"]
+
+
+class RWSpeedMsg(Message):
+    """Speeds of reaction wheels; places without a wheel hold 0."""
+
+    omega: Annotated[F64, Shape(MAX_WHEELS), "rad/s", "speed of each wheel relative to the body, about its axis"]

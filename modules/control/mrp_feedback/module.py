@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from fsw import Bound, In, KernelModule, Mat3, Out, Record, Row, Vec3, publish, zeros
+import numpy as np
+
+from fsw import F64, Bound, In, KernelModule, Mat3, Out, Record, Row, Shape, Vec3, publish, zeros
 from fsw.math.checks import require_inertia
-from fsw.math.vectors import axpy, mat3, matvec, store3, sub, vec3
+from fsw.math.vectors import add, axpy, mat3, matvec, store3, sub, vec3
 from messages.attitude import AttGuidMsg
-from messages.control import CmdTorqueBodyMsg
-from modules.control.mrp_feedback.kernel import clip, feedback_torque
+from messages.control import MAX_WHEELS, CmdTorqueBodyMsg, RWSpeedMsg
+from modules.control.mrp_feedback.kernel import clip, feedback_torque, wheel_momentum
 
 
 class MrpFeedback(KernelModule):
@@ -26,11 +28,21 @@ class MrpFeedback(KernelModule):
         integral_limit: Annotated[float, "N*m*s", "bound of each component of the integral", Bound(ge=0)] = 0.1
         whole_rate: Annotated[bool, "-", "gyroscopic term with the body's rate, not the reference's"] = False
         known_torque_B: Annotated[Vec3, "N*m", "known external torque, which the command cancels"] = zeros(3)
+        wheel_axes_B: Annotated[F64, Shape(MAX_WHEELS, 3), "-", "axes of reaction wheels, unit vectors"] = zeros(
+            MAX_WHEELS, 3
+        )
+        wheel_inertia: Annotated[F64, Shape(MAX_WHEELS), "kg*m^2", "about the axes; 0 for no wheel", Bound(ge=0)] = (
+            zeros(MAX_WHEELS)
+        )
 
         def __post_init__(self) -> None:
             """Check the inertia too."""
             super().__post_init__()
             require_inertia(self, "inertia_B")
+            length = np.linalg.norm(self.wheel_axes_B[self.wheel_inertia > 0.0], axis=1)
+            if np.any(np.abs(length - 1.0) > 1e-9):
+                text = "expected unit vectors for the wheels with an inertia, got lengths"
+                raise ValueError(f"MrpFeedback.Params.wheel_axes_B: {text} {length.tolist()}; divide by them")
 
     class State(Record):
         """The integral."""
@@ -39,10 +51,11 @@ class MrpFeedback(KernelModule):
         guid_ns: Annotated[int, "ns", "time of the last guidance message, -1 before the first"] = -1
 
     in_guid = In(AttGuidMsg)
+    in_wheels = In(RWSpeedMsg, optional=True)
     out_torque = Out(CmdTorqueBodyMsg)
 
     @staticmethod
-    def kernel(t_ns: int, params: Row, state: Row, in_guid: Row, out_torque: Row) -> None:
+    def kernel(t_ns: int, params: Row, state: Row, in_guid: Row, in_wheels: Row, out_torque: Row) -> None:
         """Command the torque for the newest error."""
         if in_guid.seq == 0:
             return
@@ -60,6 +73,10 @@ class MrpFeedback(KernelModule):
             z = axpy(1.0, matvec(inertia, omega_BR), total)
         gains = (params.K, params.Ki, params.P)
         omega_RN, domega_RN = vec3(in_guid.omega_RN_B), vec3(in_guid.domega_RN_B)
-        torque = feedback_torque(sigma_BR, omega_BR, omega_RN, domega_RN, z, gains, inertia, params.whole_rate)
+        wheels = (0.0, 0.0, 0.0)
+        if in_wheels.seq > 0:
+            rate = add(omega_BR, omega_RN)
+            wheels = wheel_momentum(rate, in_wheels.omega, params.wheel_axes_B, params.wheel_inertia)
+        torque = feedback_torque(sigma_BR, omega_BR, omega_RN, domega_RN, z, gains, inertia, wheels, params.whole_rate)
         store3(out_torque.torque_B, sub(torque, vec3(params.known_torque_B)))
         publish(out_torque, t_ns)
