@@ -116,7 +116,12 @@ def body(which: int | str) -> Body:
     else:
         found = {b.naif: b for b in _BODIES}.get(which)
     if found is None:
-        names = [b.name for b in _BODIES]
-        close = difflib.get_close_matches(str(which).title(), names, 3) or [f"{b.name} ({b.naif})" for b in _BODIES]
-        raise ValueError(f"body: expected a body of the table, got {which!r}; did you mean {', '.join(close)}?")
+        labels = {text: f"{b.name} ({b.naif})" for b in _BODIES for text in (b.name, str(b.naif))}
+        close = [labels[x] for x in difflib.get_close_matches(str(which).strip().title(), labels, 3)]
+        hint = (
+            f"did you mean {' or '.join(dict.fromkeys(close))}?"
+            if close
+            else f"it has {', '.join(dict.fromkeys(labels.values()))}"
+        )
+        raise ValueError(f"body: expected the name or NAIF identifier of a body of the table, got {which!r}; {hint}")
     return found
