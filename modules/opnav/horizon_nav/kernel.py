@@ -33,6 +33,8 @@ MIN_POINTS = 4
 """Three points fix a position, but not whether it is right."""
 LEVERAGE = 0.9
 """Leverage above which a point decides the fit alone; the ends of five even points of an arc have 0.89."""
+MOST_NOISE = 10.0
+"""Noise more than so many times what is stated is no noise."""
 FAR = 1e6
 """Distance [px] of a point for which the limb has no slope."""
 
@@ -290,13 +292,14 @@ def select(B: M3, n: V3, rays: F64, gate: float, used: I64, work: F64) -> tuple[
         work: (2, m).
 
     Returns:
-        Robust standard deviation of the points over the stated one, at least 1, and whether the choice changed.
+        Robust standard deviation of the points over the stated one, from 1 to `MOST_NOISE`, and whether the choice
+        changed.
     """
     count = rays.shape[0]
     for i in range(count):
         work[0, i] = math.fabs(distance(B, n, rays[i])) / rays[i, 6]
         work[1, i] = work[0, i]
-    spread = max(1.0, median(work[1]) / 0.6745)  # of a normal distribution
+    spread = min(max(1.0, median(work[1]) / 0.6745), MOST_NOISE)  # of a normal distribution
     changed = False
     for i in range(count):
         keep = 1 if work[0, i] <= gate * spread else 0

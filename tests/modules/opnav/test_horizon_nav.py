@@ -292,7 +292,7 @@ REASONS = {
 
 @pytest.mark.parametrize("kind", REASONS)
 def test_no_position_from_bad_limbs(kind: str) -> None:
-    scene = Scene(SPHERE, 100, 5, 180, 8, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    scene = Scene(SPHERE, 100, 5, 180, 8, (-0.3 if kind == "lens" else 0.0, 0.0, 0.0, 0.0, 0.0))
     points, sigma, fields, params = spoiled(scene, kind)
     nav, limb = scene.module(**params)
     limb.write(limb_message(points, sigma, **fields), 0)
