@@ -32,6 +32,7 @@ __all__ = [
     "Vec4",
     "eye",
     "ones",
+    "unknown",
     "unseeded",
     "zeros",
 ]
@@ -86,6 +87,11 @@ def zeros(*dims: int) -> F64:
 def ones(*dims: int) -> F64:
     """Read-only ones of the given shape: the default of an array field of factors."""
     return _frozen(np.ones(dims))
+
+
+def unknown(*dims: int) -> F64:
+    """Read-only NaN of the given shape: the default of an array field that a writer may leave out."""
+    return _frozen(np.full(dims, np.nan))
 
 
 def eye(n: int) -> F64:

@@ -21,6 +21,7 @@ from messages.base import (
     Vec4,
     eye,
     ones,
+    unknown,
     zeros,
 )
 
@@ -77,6 +78,9 @@ class LandmarksMsg(Message):
     sigma_px: Annotated[F64, Shape(MAX_LANDMARKS), "px", "standard deviation of each coordinate", NanOk()]
     score: Annotated[F64, Shape(MAX_LANDMARKS), "-", "normalised correlation at the match", NanOk()]
     status: Annotated[int, "-", "0 found, else why there is none; see the spec of the writer"] = 0
+    P_px: Annotated[
+        F64, Shape(MAX_LANDMARKS, 2, 2), "px^2", "covariance of each match (trace: 2 sigma_px^2)", NanOk()
+    ] = unknown(MAX_LANDMARKS, 2, 2)
 
 
 class PoseFixMsg(Message):

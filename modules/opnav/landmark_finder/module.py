@@ -117,4 +117,5 @@ def _message(
         sigma_px=sigma,
         score=score,
         status=int(status),
+        P_px=sigma[:, None, None] ** 2 * np.eye(2),
     )

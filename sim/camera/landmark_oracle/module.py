@@ -95,6 +95,9 @@ class LandmarkOracle(KernelModule):
                 seen_u, seen_v = (width - 1.0) * false_u, (height - 1.0) * false_v
             out_landmarks.pixel_px[count, 0], out_landmarks.pixel_px[count, 1] = seen_u, seen_v
             out_landmarks.sigma_px[count], out_landmarks.score[count] = params.sigma_px, 1.0
+            for i in range(2):
+                for j in range(2):
+                    out_landmarks.P_px[count, i, j] = params.sigma_px * params.sigma_px if i == j else 0.0
             count += 1
         cells = 0
         for cell in range(24):
@@ -109,6 +112,9 @@ class LandmarkOracle(KernelModule):
                 out_landmarks.r_LE_E[k, i] = math.nan
             out_landmarks.pixel_px[k, 0] = out_landmarks.pixel_px[k, 1] = math.nan
             out_landmarks.sigma_px[k] = out_landmarks.score[k] = math.nan
+            for i in range(2):
+                for j in range(2):
+                    out_landmarks.P_px[k, i, j] = math.nan
         out_landmarks.exposure_ns = in_state.t_ns
         out_landmarks.count, out_landmarks.candidates, out_landmarks.cells = count, params.count, cells
         out_landmarks.status = 0 if count > 0 else 3
