@@ -7,7 +7,7 @@ import numpy as np
 from messages.base import Record
 
 
-def require_rotation(record: Record, field: str) -> None:
+def require_rotation(record: object, field: str) -> None:
     """Check that a field (3, 3) is a rotation matrix: orthonormal to 1e-9, determinant +1.
 
     Raises:

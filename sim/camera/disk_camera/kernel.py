@@ -1,0 +1,237 @@
+"""Ray casting of an ellipsoid, compiled: one body at a time over the pixels that it may touch.
+
+A body is an array of `BODY_SIZE` numbers, made by `sim.camera.disk_camera.scene.body_numbers`:
+
+- 0 to 8: matrix from tangents (x, y, 1) to directions in units of the axes, rows first;
+- 9 to 11: the camera in units of the axes; 12 to 14: reciprocal axes; 15 to 17: direction to the Sun times these;
+- 18 to 20: axes; 21: law of reflection; 22: its exponent; 23: brightness;
+- 24: how much `1 - p^2` changes in a pixel at most, p being the closest approach of a ray to the centre.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.math.compiled import compiled
+from messages.base import F64
+
+BODY_SIZE = 25
+LAMBERT, LOMMEL_SEELIGER, MINNAERT = 0, 1, 2
+LINES = 8
+"""Lines across a pixel that the limb crosses."""
+_NODES = np.polynomial.legendre.leggauss(6)[0] / 2.0 + 0.5
+_WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
+"""Of the rays on each line, on the way from 0 to 1 (Gauss)."""
+RAYS, _STEP = 16, 5
+"""Rays in a pixel near the limb or at the terminator, and the generator of their lattice of rank 1."""
+
+
+@compiled
+def look(body: F64, faces: NDArray[np.float32], x: float, y: float) -> tuple[float, float, float]:
+    """What a ray sees of a body.
+
+    Args:
+        body: its numbers (25,).
+        faces: its texture as a cube, (6, n + 2, n + 2); see `sim.camera.disk_camera.texture`.
+        x: tangent of the ray to the right.
+        y: tangent downwards.
+
+    Returns:
+        Room: 1 - p^2, negative if the ray misses; cosine of the Sun's incidence, negative at night; radiance.
+    """
+    tx = body[0] * x + body[1] * y + body[2]
+    ty = body[3] * x + body[4] * y + body[5]
+    tz = body[6] * x + body[7] * y + body[8]
+    tt = tx * tx + ty * ty + tz * tz
+    inverse = 1.0 / tt
+    k = -(body[9] * tx + body[10] * ty + body[11] * tz) * inverse
+    px, py, pz = body[9] + k * tx, body[10] + k * ty, body[11] + k * tz
+    room = 1.0 - (px * px + py * py + pz * pz)
+    if not (room > 0.0 and k > 0.0):
+        return (room if k > 0.0 and room <= 0.0 else -math.inf), -1.0, 0.0
+    back = math.sqrt(room * inverse)
+    px, py, pz = px - back * tx, py - back * ty, pz - back * tz
+    nx, ny, nz = px * body[12], py * body[13], pz * body[14]
+    inverse = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    mu0 = (px * body[15] + py * body[16] + pz * body[17]) * inverse
+    if mu0 <= 0.0:
+        return room, mu0, 0.0
+    reflected = mu0
+    if body[21] != LAMBERT:
+        mu = back * tt * inverse / math.sqrt(x * x + y * y + 1.0)
+        if body[21] == LOMMEL_SEELIGER:
+            reflected = 2.0 * mu0 / (mu0 + mu)
+        else:
+            reflected = math.pow(mu0, body[22]) * math.pow(max(mu, 1e-3), body[22] - 1.0)
+    if faces.shape[1] > 3:
+        reflected *= textured(faces, px * body[18], py * body[19], pz * body[20])
+    return room, mu0, body[23] * reflected
+
+
+@compiled
+def textured(faces: NDArray[np.float32], x: float, y: float, z: float) -> float:
+    """The texture in a direction, linear between the middles of its cells."""
+    ax, ay, az = abs(x), abs(y), abs(z)
+    if ax >= ay and ax >= az:
+        face, major, a, b = (0 if x >= 0.0 else 1), ax, y, z
+    elif ay >= az:
+        face, major, a, b = (2 if y >= 0.0 else 3), ay, x, z
+    else:
+        face, major, a, b = (4 if z >= 0.0 else 5), az, x, y
+    half = 0.5 * (faces.shape[1] - 2)
+    scale = half / major
+    u, v = a * scale + half + 0.5, b * scale + half + 0.5
+    i, j = int(v), int(u)
+    v, u = v - i, u - j
+    top = (1.0 - u) * faces[face, i, j] + u * faces[face, i, j + 1]
+    return (1.0 - v) * top + v * ((1.0 - u) * faces[face, i + 1, j] + u * faces[face, i + 1, j + 1])
+
+
+@compiled
+def draw(
+    body: F64,
+    faces: NDArray[np.float32],
+    grid: F64,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Draw a body over what is in the image already.
+
+    Args:
+        body: its numbers (25,).
+        faces: its texture.
+        grid: (H + 2, W + 2, 2), tangents of the middles of the pixels and of a frame of one pixel around them.
+        first_row: of the pixels to draw.
+        last_row: one beyond.
+        first_column: likewise.
+        last_column: likewise.
+        out: (H, W), radiance.
+    """
+    step = body[24]
+    corner = 0.75 * step  # as far as the corners of a pixel are from its middle, and a little more
+    for i in range(first_row, last_row):
+        for j in range(first_column, last_column):
+            x, y = grid[i + 1, j + 1, 0], grid[i + 1, j + 1, 1]
+            room, mu0, value = look(body, faces, x, y)
+            if not room > -corner - 0.13 * step * step:
+                continue
+            if room > 4.0 * step and mu0 * mu0 * room > step * step:
+                out[i, j] = value
+                continue
+            xu, yu = (
+                0.5 * (grid[i + 1, j + 2, 0] - grid[i + 1, j, 0]),
+                0.5 * (grid[i + 1, j + 2, 1] - grid[i + 1, j, 1]),
+            )
+            xv, yv = (
+                0.5 * (grid[i + 2, j + 1, 0] - grid[i, j + 1, 0]),
+                0.5 * (grid[i + 2, j + 1, 1] - grid[i, j + 1, 1]),
+            )
+            if room > corner:
+                total = 0.0
+                for n in range(RAYS):
+                    u, v = (n + 0.5) / RAYS - 0.5, ((n * _STEP) % RAYS + 0.5) / RAYS - 0.5
+                    total += look(body, faces, x + u * xu + v * xv, y + u * yu + v * yv)[2]
+                out[i, j] = total / RAYS
+                continue
+            if abs(_limb_slope(body, x, y, xu, yu)) >= abs(_limb_slope(body, x, y, xv, yv)):
+                covered, total = _cross_limb(body, faces, x, y, xu, yu, xv, yv)
+            else:
+                covered, total = _cross_limb(body, faces, x, y, xv, yv, xu, yu)
+            out[i, j] = out[i, j] * (1.0 - covered) + total
+
+
+@compiled
+def _limb_terms(body: F64, x: float, y: float, dx: float, dy: float) -> tuple[float, float, float]:
+    """A, B, C of A u^2 + 2 B u + C, which is positive where the ray (x + u dx, y + u dy, 1) meets the body.
+
+    With the direction t and the camera o in units of the axes it is t.t - (o x t).(o x t): nothing cancels.
+    """
+    tx = body[0] * x + body[1] * y + body[2]
+    ty = body[3] * x + body[4] * y + body[5]
+    tz = body[6] * x + body[7] * y + body[8]
+    sx, sy, sz = body[0] * dx + body[1] * dy, body[3] * dx + body[4] * dy, body[6] * dx + body[7] * dy
+    ox, oy, oz = body[9], body[10], body[11]
+    ax, ay, az = oy * tz - oz * ty, oz * tx - ox * tz, ox * ty - oy * tx
+    bx, by, bz = oy * sz - oz * sy, oz * sx - ox * sz, ox * sy - oy * sx
+    return (
+        sx * sx + sy * sy + sz * sz - (bx * bx + by * by + bz * bz),
+        tx * sx + ty * sy + tz * sz - (ax * bx + ay * by + az * bz),
+        tx * tx + ty * ty + tz * tz - (ax * ax + ay * ay + az * az),
+    )
+
+
+@compiled
+def _limb_slope(body: F64, x: float, y: float, dx: float, dy: float) -> float:
+    return _limb_terms(body, x, y, dx, dy)[1]
+
+
+@compiled
+def _cross_limb(
+    body: F64, faces: NDArray[np.float32], x: float, y: float, dx: float, dy: float, ex: float, ey: float
+) -> tuple[float, float]:
+    """Part of a pixel that a body covers, and the radiance of that part times its size.
+
+    Along each of a few lines (d, across the limb; e leads from line to line) the limb is found exactly, and the rays
+    lie closer together towards it, where the radiance grows as the square root of the distance.
+    """
+    covered, total = 0.0, 0.0
+    for n in range(LINES):
+        v = (n + 0.5) / LINES - 0.5
+        px, py = x + v * ex, y + v * ey
+        a, b, c = _limb_terms(body, px, py, dx, dy)
+        square = b * b - a * c
+        low, high, edge, far = -0.5, 0.5, -0.5, 0.5
+        if square <= 0.0:
+            if c <= 0.0:
+                continue
+        else:
+            root = math.sqrt(square)
+            q = -(b + math.copysign(root, b))
+            first, second = (q / a if a != 0.0 else math.inf), (c / q if q != 0.0 else 0.0)
+            first, second = min(first, second), max(first, second)
+            if a < 0.0:  # the body is between the roots
+                low, high = max(first, -0.5), min(second, 0.5)
+            elif first > -0.5:
+                high = min(first, 0.5)
+            else:
+                low = max(second, -0.5)
+            if high <= low:
+                continue
+            edge, far = (high, low) if high < 0.5 else (low, high)
+        length, light = far - edge, 0.0
+        for k in range(_NODES.shape[0]):
+            s = _NODES[k]
+            u = edge + length * s * s
+            light += 2.0 * s * _WEIGHTS[k] * look(body, faces, px + u * dx, py + u * dy)[2]
+        covered += high - low
+        total += (high - low) * light
+    return covered / LINES, total / LINES
+
+
+@compiled
+def add_point(
+    body: F64, faces: NDArray[np.float32], places: F64, tangents: F64, area: F64, out: NDArray[np.float32]
+) -> None:
+    """Add a body smaller than a pixel: rays (n, 2) at places (n, 2), each for ``area`` (n,) square pixels."""
+    for n in range(places.shape[0]):
+        j, i = math.floor(places[n, 0] + 0.5), math.floor(places[n, 1] + 0.5)
+        if 0 <= i < out.shape[0] and 0 <= j < out.shape[1]:
+            _, _, value = look(body, faces, tangents[n, 0], tangents[n, 1])
+            out[i, j] += area[n] * value
+
+
+@compiled
+def add_star(u: float, v: float, light: float, out: NDArray[np.float32]) -> None:
+    """Add a star, spread linearly over the four pixels around its place, so that its centroid is exact."""
+    i, j = math.floor(v), math.floor(u)
+    fu, fv = u - j, v - i
+    for a in range(2):
+        for b in range(2):
+            if 0 <= i + a < out.shape[0] and 0 <= j + b < out.shape[1]:
+                out[i + a, j + b] += light * (fv if a else 1.0 - fv) * (fu if b else 1.0 - fu)
