@@ -34,7 +34,7 @@ from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule
 from fsw.ports import collect_wiring_errors
 from fsw.simulation import Simulation
-from fsw.tools import fit_orbit, scaffold, specs
+from fsw.tools import fit_orbit, limb, scaffold, specs
 from messages.base import Message, ObjectMessage, fields_of, json_schema
 
 SCENARIO = "a module such as sim.scenarios.hill_pointing, or a .py file"
@@ -194,6 +194,14 @@ def compile_kernels(args: argparse.Namespace) -> int:
     return 0
 
 
+def find_limb(args: argparse.Namespace) -> int:
+    """Find the disks of planets and moons in an image."""
+    try:
+        return limb.run(args)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
 def info(args: argparse.Namespace) -> int:
     """Show versions, cache and sizes."""
     folder = cache.cache_folder()
@@ -267,6 +275,7 @@ def parser() -> argparse.ArgumentParser:
     fit_orbit.add_arguments(
         add("fit-orbit", fit_orbit.run, "fit an orbit of the Earth to a file of positions", fit_orbit.EXAMPLE)
     )
+    limb.add_arguments(add("limb", find_limb, "find disks of planets and moons in an image", limb.EXAMPLE))
     add("info", info, "show versions, the compile cache and what is here", "info")
     return top
 

@@ -1,0 +1,186 @@
+"""Disks of planets and moons in an image: proposed, followed, measured, and refused if they are none."""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from messages.base import F64
+from modules.opnav.disks.checks import surroundings
+from modules.opnav.disks.coarse import Light, Rays, lit, settle
+from modules.opnav.disks.ellipse import Ellipse
+from modules.opnav.disks.grey import F32, to_grey
+from modules.opnav.disks.limb import Limb, limb_points
+from modules.opnav.disks.outline import Outline, outline
+from modules.opnav.disks.propose import Proposal, propose
+
+CV: Any = cv2
+TURN = 2.0 * math.pi
+TRIES = 24
+"""Proposals that are looked at."""
+LEAST_FALL = 3.5
+"""Of brightness along a ray at the limb, to the noise of a pixel."""
+MIN_SHARE = 0.5
+"""Share of the limb that must be seen within 60 degrees of the Sun's azimuth, as far as it is in the image."""
+MIN_KEPT = 0.65
+"""Share of the measured points that must agree."""
+MIN_POINTS = 12
+MAX_SIGMA = 0.07
+"""Largest standard deviation of a radius, to the radius: where a line would do as well, there is no disk."""
+
+
+class DiskStatus(enum.IntEnum):
+    """Why there is no disk."""
+
+    FOUND = 0
+    NO_EDGES = 1
+    """Nothing stands out from the noise: black, even, or noise alone."""
+    NO_DISK = 2
+    """There are edges, but no limb."""
+
+
+class Disk(NamedTuple):
+    """A disk and its limb."""
+
+    ellipse: Ellipse
+    """A circle, unless the points say clearly that it is none."""
+    oval: bool
+    """Whether an ellipse was needed."""
+    P: F64
+    """(3, 3) covariance of column, row and mean radius [px^2]; for an ellipse (5, 5), with both ovals."""
+    limb: Limb
+    """The points that agree; their sigma is as large as their scatter says."""
+    arc: float
+    """Length of the limb that was seen [rad]."""
+    rms: float
+    """Root mean square distance of the points from the outline [px]."""
+    light: Light
+    votes: int
+    """Edge pixels that proposed it."""
+
+
+class Options(NamedTuple):
+    """How to search; the defaults suit any image."""
+
+    min_radius: float = 8.0
+    max_radius: float = 4000.0
+    """Limits of the radius [px]."""
+    min_arc: float = math.radians(40.0)
+    """Least limb that makes a disk [rad]."""
+    most: int = 10
+    """Disks wanted."""
+    max_points: int = 2000
+    """Points on a limb at most."""
+    sun: Light | None = None
+    """Where the Sun stands in the image, if that is known; else the image tells."""
+
+
+class Search(NamedTuple):
+    """An image and what is the same for all its proposals."""
+
+    values: F32
+    smooth: F32
+    """Without single bright pixels, and smoothed."""
+    noise: float
+    black: float
+    """Level of what is dark in this image."""
+    options: Options
+
+
+DEFAULTS = Options()
+
+
+def find_disks(image: NDArray[Any], options: Options = DEFAULTS) -> tuple[DiskStatus, list[Disk]]:
+    """Find the disks in an image.
+
+    Args:
+        image: (rows, columns) or (rows, columns, 1, 3 or 4), 8 or 16 bit or floating point.
+        options: how to search.
+
+    Returns:
+        Status, and the disks, the one with most limb first. What is not surely a disk is left out.
+
+    Raises:
+        ValueError: if it is no image, too small, too large, or holds NaN.
+    """
+    grey = to_grey(image)
+    proposals = propose(grey.values, grey.noise, options.min_radius, options.max_radius)
+    if not proposals:
+        return DiskStatus.NO_EDGES, []
+    smooth = CV.GaussianBlur(CV.medianBlur(grey.values, 3), (0, 0), 0.8)
+    black = float(np.percentile(smooth[::7, ::5], 1.0))
+    search = Search(grey.values, smooth, grey.noise, black, options)
+    found: list[Disk] = []
+    for p in proposals[:TRIES]:
+        if len(found) < options.most and not any(_same(p, d) for d in found):
+            disk = measure(search, p)
+            if isinstance(disk, Disk) and not any(_same(disk.ellipse, d) for d in found):
+                found.append(disk)
+    found.sort(key=lambda d: -len(d.limb.x) * d.arc)
+    return (DiskStatus.FOUND if found else DiskStatus.NO_DISK), found
+
+
+def _same(p: Proposal | Ellipse, disk: Disk) -> bool:
+    """Whether a circle has its centre in a disk that was found, or the other way round."""
+    return math.hypot(p.x - disk.ellipse.x, p.y - disk.ellipse.y) < max(p.radius, disk.ellipse.radius)
+
+
+def measure(search: Search, proposal: Proposal) -> Disk | str:
+    """The disk near a proposed circle, or in words why it is none."""
+    options = search.options
+    start = Ellipse(proposal.x, proposal.y, proposal.radius)
+    settled = settle(search.smooth, start, LEAST_FALL * search.noise, options.sun)
+    if settled is None:
+        return "no limb along the rays"
+    e, seen, light = settled
+    near = seen.good & (np.abs(e.distance(*seen.place.T)[0]) < max(1.5, 0.005 * e.radius))
+    expected = seen.inside & lit(seen.theta, light, math.radians(60.0))
+    if (near & expected).sum() < MIN_SHARE * max(int(expected.sum()), 1):
+        return "gaps in the limb"
+    if TURN * near.mean() < 0.8 * options.min_arc:
+        return "a short arc"
+    made: tuple[Limb, Outline] | None = None
+    for _ in range(2):
+        azimuths, depths = _usable(search.smooth, e, seen, light)
+        limb = limb_points(search.values, search.noise, e, azimuths, depths, options.max_points)
+        fitted = None if limb is None or len(limb.x) < MIN_POINTS else outline(e, limb)
+        if limb is None or fitted is None:
+            return "few points"
+        made, before, e = (limb, fitted), e, fitted.ellipse
+        if math.hypot(e.x - before.x, e.y - before.y) + abs(e.radius - before.radius) < 0.7:
+            break
+    assert made is not None
+    limb, fitted = made[0].pick(made[1].keep), made[1]
+    d, theta = e.distance(limb.x, limb.y)[0], np.arctan2(limb.y - e.y, limb.x - e.x) % TURN
+    rms, arc = float(np.sqrt(np.mean(d**2))), len(np.unique((theta / TURN * 72).astype(int))) / 72 * TURN
+    if fitted.keep.mean() < MIN_KEPT or rms > max(0.7, 0.004 * e.radius):
+        return "points that do not agree"
+    if arc < options.min_arc or not math.sqrt(fitted.P[2, 2]) < MAX_SIGMA * e.radius:
+        return "too little of a circle"
+    if not options.min_radius <= e.radius <= options.max_radius:
+        return "a radius outside of the limits"
+    if wrong := surroundings(search.smooth, e, search.black, light, arc):
+        return wrong
+    limb = limb._replace(sigma=np.hypot(limb.sigma * fitted.scale, limb.common[limb.sector]))
+    return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, proposal.votes)
+
+
+def _usable(smooth: F32, e: Ellipse, seen: Rays, light: Light) -> tuple[NDArray[np.bool_], F64]:
+    """Azimuths that are lit limb in the image, and how deep the light goes there [px]."""
+    reach, nx, ny = e.at(seen.theta)
+    depth = np.arange(-2.0, 12.01, 0.5)
+    x = (e.x + reach * np.cos(seen.theta))[:, None] - nx[:, None] * depth
+    y = (e.y + reach * np.sin(seen.theta))[:, None] - ny[:, None] * depth
+    profile = CV.remap(
+        smooth, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    above = profile - profile[:, :1]
+    ended = (above < 0.5 * np.maximum.accumulate(above, axis=1)) & (depth > 1.5)
+    deep = np.where(ended.any(axis=1), depth[np.argmax(ended, axis=1)], 12.0)
+    near = seen.good & (np.abs(e.distance(*seen.place.T)[0]) < 3.0)
+    return near & lit(seen.theta, light), np.clip(0.7 * deep, 2.5, 7.0)
