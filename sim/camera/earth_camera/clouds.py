@@ -17,6 +17,8 @@ LATTICE = 64
 LONGEST = 900e3
 """Wavelength of the coarsest noise [m]."""
 OCTAVES = 11
+SOFT = 0.14
+"""Noise from clear sky to thick cloud."""
 BRIGHTNESS = 0.8
 """Reflectance of a thick cloud."""
 SHADE = 0.65
@@ -32,7 +34,7 @@ def threshold(cover: float) -> float:
     """Level of the noise above which there is cloud, for a part of the sky; the noise is nearly normal."""
     from scipy.stats import norm
 
-    return float(0.5 - 0.115 * norm.ppf(min(max(cover, 1e-6), 1.0 - 1e-6)))
+    return float(0.5 - 0.104 * norm.ppf(min(max(cover, 1e-6), 1.0 - 1e-6)) - 0.5 * SOFT)
 
 
 @compiled
@@ -77,7 +79,7 @@ def density(lattice: F32, r: V3, least: float, size: float) -> float:
         left -= weight
         weight *= 0.5
         wave *= 0.47
-    thick = (total + 0.5 * left - least) / 0.14
+    thick = (total + 0.5 * left - least) / SOFT
     return _ease(min(max(thick, 0.0), 1.0))
 
 

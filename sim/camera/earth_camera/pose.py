@@ -10,7 +10,7 @@ from messages.base import F64
 
 
 class Pose(NamedTuple):
-    """Position and attitude of a camera at each of its rows; one entry stands for all, and the last for all after it."""
+    """Position and attitude of a camera at each of its rows; the last entry stands for all rows after it."""
 
     r_CE_E: F64
     """(n, 3) [m]."""

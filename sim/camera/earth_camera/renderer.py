@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.imaging.maps import SEA_LEVEL, GeoMap
-from fsw.math.camera import channel_lens, project_point, undistort
-from fsw.math.geodesy import A, B
+from fsw.math.camera import channel_lens, project, undistort
+from fsw.math.geodesy import A, B, ray_to_spheroid
 from messages.base import F64
 from messages.opnav import CameraConfigMsg
 from sim.camera.earth_camera.clouds import cloud_band, noise_lattice, threshold
 from sim.camera.earth_camera.kernel import F32, U8, ground_band, limb_band, optical_depth, shade_band, soften
-from sim.camera.earth_camera.layers import MapLayer, View, Window
+from sim.camera.earth_camera.layers import SPARSE, MapLayer, View, Window
 from sim.camera.earth_camera.params import EarthCameraParams
 from sim.camera.earth_camera.pose import Pose
 from sim.camera.earth_camera.sampler import (
@@ -124,9 +125,10 @@ class EarthRenderer:
             MapError: if a map file cannot be read.
         """
         series = [poses] if isinstance(poses, Pose) else list(poses)
-        sun = np.asarray(sun_E, float) / np.linalg.norm(sun_E)
-        if not np.all(np.isfinite(sun)):
+        length = float(np.linalg.norm(sun_E))
+        if not (math.isfinite(length) and length > 0.0):
             raise ValueError(f"sun_E: expected a direction, got {sun_E}; give the Sun's position")
+        sun = np.asarray(sun_E, float) / length
         total = np.zeros((*self.shape, 3), np.float32)
         masks: list[NDArray[np.bool_]] = []
         for pose in series:
@@ -141,20 +143,18 @@ class EarthRenderer:
         return Rendered(total, np.logical_and.reduce(masks) if len(masks) > 1 else masks[0])
 
     def motion_px(self, before: Pose, after: Pose) -> float:
-        """How far the ground in view moves in the picture between two poses, at most [px]."""
+        """How far what is in view moves in the picture between two poses of one entry, at most [px]."""
         lens = self._lenses[0]
-        first, x_n, y_n = self._nodes(lens, before, np.array([1.0, 0.0, 0.0])), lens.node_x, lens.node_y
-        known = np.isfinite(first.lat)
-        lat, lon = first.lat[known], first.lon[known]
-        e = np.stack([A * np.cos(lat) * np.cos(lon), A * np.cos(lat) * np.sin(lon), B * np.sin(lat)], axis=-1)
-        if len(e) == 0:  # only the sky: it turns
-            known = np.isfinite(x_n)
-            rays = np.stack([x_n[known], y_n[known], np.ones(int(known.sum()))], axis=-1)
-            e = 1e12 * rays @ before.dcm_CE[0]
-        ends = [(e - p.r_CE_E[-1]) @ p.dcm_CE[-1].T for p in (before, after)]
-        pixels = [
-            np.array([project_point(lens.vector, *map(float, c)) for c in end[:: max(1, len(e) // 64)]]) for end in ends
-        ]
+        x, y = lens.node_x[::SPARSE, ::SPARSE], lens.node_y[::SPARSE, ::SPARSE]
+        rays = np.stack([x, y, np.ones(x.shape)], axis=-1).reshape(-1, 3)
+        rays = rays[np.isfinite(rays).all(axis=1)] @ before.dcm_CE[0]
+        seen = np.empty_like(rays)
+        for k, d in enumerate(rays / np.linalg.norm(rays, axis=1, keepdims=True)):
+            distance = ray_to_spheroid(*map(float, before.r_CE_E[0]), *map(float, d), 0.0)
+            seen[k] = before.r_CE_E[0] + (1e12 if math.isnan(distance) else distance) * d
+        pixels = [np.empty((len(seen), 2)) for _ in range(2)]
+        for pose, out in zip((before, after), pixels, strict=True):
+            project(lens.vector, (seen - pose.r_CE_E[0]) @ pose.dcm_CE[0].T, out)
         moved = np.linalg.norm(pixels[1] - pixels[0], axis=1)
         return float(np.max(moved[np.isfinite(moved)], initial=0.0))
 
@@ -225,7 +225,6 @@ class EarthRenderer:
         colour = np.empty((*nodes.lat.shape, 6), np.float32)
         node_colours(nodes.light, nodes.mass, nodes.path, self._depth, self.params.brightness, colour)
         free = np.ones(cells, np.uint8)
-        parts = 4 * self.workers
         for view in views:
             use = np.zeros(cells, np.uint8)
             smooth_cells(view.at, view.prints, *view.window.levels[0, 1:], GRID_ERROR, free, use)

@@ -267,7 +267,7 @@ def smooth_cells(at: F64, prints: F32, rows: int, columns: int, most: float, fre
             for k in range(i, i + 2):
                 for m in range(j, j + 2):
                     x, y = at[k, m, 0], at[k, m, 1]
-                    known = known and x == x
+                    known = known and not math.isnan(x)
                     low_x, high_x = min(low_x, x), max(high_x, x)
                     low_y, high_y = min(low_y, y), max(high_y, y)
                     r, c = min(max(k, 1), last_i - 1), min(max(m, 1), last_j - 1)
@@ -341,7 +341,7 @@ def light_cells(
         image: out, the whole image (rows, columns, 3).
         todo: out (rows, columns), set to 0 for the pixels that were drawn.
     """
-    per, unit, one = np.float32(1.0 / step), np.float32(1.0 / FULL), np.float32(1.0)
+    per, unit = np.float32(1.0 / step), np.float32(1.0 / FULL)
     most = np.float32(0.999 * FULL)
     for i in range(low.shape[0]):
         n = first + i // step
