@@ -24,21 +24,14 @@ EARTH_BANDS.setflags(write=False)
 
 
 @compiled
-def exponential_density(height: float, base: F64, density: F64, scale_height: F64, count: int) -> float:
-    """Density in the band of a height: rho_i exp(-(h - h_i) / H_i).
+def band_of(height: float, base: F64, count: int, guess: int) -> int:
+    """Which band a height (m) lies in; ``base`` (n,) m are the heights at which the ``count`` bands begin, ascending.
 
-    Args:
-        height: m; below the first band its base density is returned, above the last one the exponential goes on.
-        base: (n,) heights at which bands begin, m, ascending.
-        density: (n,) densities there, kg/m^3.
-        scale_height: (n,) m.
-        count: number of bands used.
-
-    Returns:
-        kg/m^3; NaN if the height is NaN.
+    The first band reaches down to any depth, the last one up to any height. A right ``guess`` saves the search; NaN
+    gives the first band.
     """
-    if height < base[0]:
-        return density[0]
+    if 0 <= guess < count and base[guess] <= height and (guess + 1 == count or height < base[guess + 1]):
+        return guess
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2
@@ -46,7 +39,26 @@ def exponential_density(height: float, base: F64, density: F64, scale_height: F6
             low = middle
         else:
             high = middle
-    return density[low] * math.exp((base[low] - height) / scale_height[low])
+    return low
+
+
+@compiled
+def exponential_density(height: float, base: F64, density: F64, scale_height: F64, band: int) -> float:
+    """Density in a band: rho_i exp(-(h - h_i) / H_i).
+
+    Args:
+        height: m; below the first band its base density is returned.
+        base: (n,) heights at which bands begin, m.
+        density: (n,) densities there, kg/m^3.
+        scale_height: (n,) m.
+        band: number of the band, of `band_of`.
+
+    Returns:
+        kg/m^3; NaN if the height is NaN.
+    """
+    if band == 0 and height < base[0]:
+        return density[0]
+    return density[band] * math.exp((base[band] - height) / scale_height[band])
 
 
 @compiled
@@ -61,6 +73,7 @@ def height_above_spheroid(r: float, z: float, radius: float, flattening: float) 
         radius: of the equator, m.
         flattening: of the spheroid.
     """
-    sine = z / r if r > 0.0 else math.nan
+    if not r > 0.0:
+        return math.nan
     polar = 1.0 - flattening
-    return r - radius * polar / math.sqrt(polar * polar * (1.0 - sine * sine) + sine * sine)
+    return r * (1.0 - radius * polar / math.sqrt(polar * polar * (r * r - z * z) + z * z))

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -19,12 +18,14 @@ from messages.base import F64
 MAX_DEGREE = 50
 """Highest degree and order of a field."""
 SIZE = MAX_DEGREE + 1
-Sums: TypeAlias = tuple[float, float, float, float]
+WIDTH = 56
+"""Length of the rows of work space: a multiple of what vector instructions hold, or the compiler uses none."""
 
 
-def _recursion() -> tuple[F64, F64, F64]:
-    """Factors of the normalised recursion in degree: ``A[n, m] = a u A[n-1, m] - b A[n-2, m]``, and A[m, m]."""
-    a, b, sectoral = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE)), np.ones(SIZE)
+def _recursion() -> tuple[F64, F64]:
+    """Factors (SIZE, 2, SIZE), a and b of ``A[n, m] = a u A[n-1, m] - b A[n-2, m]``, and A[m, m] (SIZE,)."""
+    factors, sectoral = np.zeros((SIZE, 2, SIZE)), np.ones(SIZE)
+    a, b = factors[:, 0], factors[:, 1]
     for m in range(SIZE):
         if m > 0:
             sectoral[m] = sectoral[m - 1] * math.sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1))
@@ -33,12 +34,10 @@ def _recursion() -> tuple[F64, F64, F64]:
             if n > m + 1:
                 top = (2 * n + 1) * (n + m - 1) * (n - m - 1)
                 b[n, m] = math.sqrt(top / ((n - m) * (n + m) * (2 * n - 3)))
-    return a, b, sectoral
+    return factors, sectoral
 
 
-# stored by order, so that a column of the recursion lies together in memory
-_A, _B, _SECTORAL = _recursion()
-_A, _B = np.ascontiguousarray(_A.T), np.ascontiguousarray(_B.T)
+_FACTORS, _SECTORAL = _recursion()
 
 
 @compiled
@@ -46,7 +45,8 @@ def harmonic_acceleration(r: V3, mu: float, radius: float, degree: int, c: F64, 
     """Acceleration, m/s^2, at ``r`` (m), E components, of a field of ``degree`` (order alike), point mass included.
 
     Pines (1973), "Uniform Representation of the Gravitational Potential and its Derivatives", AIAA J. 11(11), with
-    the derivative of each Legendre function from the derivative of its recursion; regular at the poles.
+    the derivative of each Legendre function from the derivative of its recursion; regular at the poles. All orders of
+    a degree are stepped together, so that vector instructions do several at once.
 
     Args:
         r: position, E components [m].
@@ -58,36 +58,38 @@ def harmonic_acceleration(r: V3, mu: float, radius: float, degree: int, c: F64, 
     """
     r1 = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
     x, y, u, q = r[0] / r1, r[1] / r1, r[2] / r1, radius / r1
-    qu, q2 = q * u, q * q
+    # for each order: A of the last degree and of the one before, their slopes dA/du, and sums over the degrees, for
+    # cosines and sines: of A, of (n + 1) A, of dA/du
+    w = np.zeros((10, WIDTH))
+    power = 1.0
+    for n in range(degree + 1):
+        k = n + 1.0
+        for m in range(n):
+            a, b = q * _FACTORS[n, 0, m], q * q * _FACTORS[n, 1, m]
+            last, last_slope = w[0, m], w[2, m]
+            value, slope = a * u * last - b * w[1, m], a * (u * last_slope + last) - b * w[3, m]
+            w[0, m], w[1, m], w[2, m], w[3, m] = value, last, slope, last_slope
+            cosine, sine = c[n, m], s[n, m]
+            w[4, m] += value * cosine
+            w[5, m] += value * sine
+            w[6, m] += k * value * cosine
+            w[7, m] += k * value * sine
+            w[8, m] += slope * cosine
+            w[9, m] += slope * sine
+        w[0, n] = _SECTORAL[n] * power
+        if n > 0:
+            w[4, n], w[5, n] = w[0, n] * c[n, n], w[0, n] * s[n, n]
+            w[6, n], w[7, n] = k * w[4, n], k * w[5, n]
+        power *= q
     a1, a2, a3, a4 = 0.0, 0.0, 0.0, 1.0
     re, im, re_before, im_before = 1.0, 0.0, 0.0, 0.0  # (x + i y)^m and ^(m - 1)
-    power = 1.0
     for m in range(degree + 1):
-        p, before, slope, slope_before = _SECTORAL[m] * power, 0.0, 0.0, 0.0
-        # sums over the degrees of one order, for cosines and sines: of A, of (n + 1) A, of dA/du
-        pc, ps = (0.0, 0.0) if m == 0 else (p * c[m, m], p * s[m, m])
-        tc, ts, dc, ds = (m + 1) * pc, (m + 1) * ps, 0.0, 0.0
-        for n in range(m + 1, degree + 1):
-            a, b = _A[m, n], _B[m, n] * q2
-            a_qu = a * qu
-            new = a_qu * p - b * before
-            # so arranged, a step waits for one product and one sum of the step before
-            slope, slope_before = a_qu * slope + (a * q * p - b * slope_before), slope
-            p, before = new, p
-            xc, xs = p * c[n, m], p * s[n, m]
-            pc += xc
-            ps += xs
-            tc += (n + 1) * xc
-            ts += (n + 1) * xs
-            dc += slope * c[n, m]
-            ds += slope * s[n, m]
-        a1 += m * (pc * re_before + ps * im_before)
-        a2 += m * (ps * re_before - pc * im_before)
-        a3 += dc * re + ds * im
-        a4 += tc * re + ts * im
+        a1 += m * (w[4, m] * re_before + w[5, m] * im_before)
+        a2 += m * (w[5, m] * re_before - w[4, m] * im_before)
+        a3 += w[8, m] * re + w[9, m] * im
+        a4 += w[6, m] * re + w[7, m] * im
         re_before, im_before = re, im
         re, im = x * re - y * im, x * im + y * re
-        power *= q
     k = mu / (r1 * r1)
     radial = a4 + x * a1 + y * a2 + u * a3
     return (k * (a1 - radial * x), k * (a2 - radial * y), k * (a3 - radial * u))
@@ -98,18 +100,23 @@ def harmonic_potential(r: V3, mu: float, radius: float, degree: int, c: F64, s: 
     """Potential energy of a unit mass, J/kg; its negative gradient is `harmonic_acceleration`. Same arguments."""
     r1 = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
     x, y, u, q = r[0] / r1, r[1] / r1, r[2] / r1, radius / r1
-    qu, q2 = q * u, q * q
-    total, re, im, power = 1.0, 1.0, 0.0, 1.0
-    for m in range(degree + 1):
-        p, before = _SECTORAL[m] * power, 0.0
-        pc, ps = (0.0, 0.0) if m == 0 else (p * c[m, m], p * s[m, m])
-        for n in range(m + 1, degree + 1):
-            p, before = _A[m, n] * qu * p - _B[m, n] * q2 * before, p
-            pc += p * c[n, m]
-            ps += p * s[n, m]
-        total += pc * re + ps * im
-        re, im = x * re - y * im, x * im + y * re
+    w = np.zeros((4, WIDTH))
+    power = 1.0
+    for n in range(degree + 1):
+        for m in range(n):
+            last = w[0, m]
+            value = q * u * _FACTORS[n, 0, m] * last - q * q * _FACTORS[n, 1, m] * w[1, m]
+            w[0, m], w[1, m] = value, last
+            w[2, m] += value * c[n, m]
+            w[3, m] += value * s[n, m]
+        w[0, n] = _SECTORAL[n] * power
+        if n > 0:
+            w[2, n], w[3, n] = w[0, n] * c[n, n], w[0, n] * s[n, n]
         power *= q
+    total, re, im = 1.0, 1.0, 0.0
+    for m in range(degree + 1):
+        total += w[2, m] * re + w[3, m] * im
+        re, im = x * re - y * im, x * im + y * re
     return -mu / r1 * total
 
 

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from fsw import F64, Bound, In, KernelModule, Out, Record, Row, Shape, publish, zeros
-from fsw.math.atmosphere import EARTH_BANDS, exponential_density, height_above_spheroid
+from fsw.math.atmosphere import EARTH_BANDS, band_of, exponential_density, height_above_spheroid
 from fsw.math.geodesy import A, F
 from fsw.math.vectors import cross, dot, norm, store3, vec3
 from messages.environment import AtmosphereMsg, PlanetOrientationMsg
@@ -47,6 +47,11 @@ class Atmosphere(KernelModule):
             if np.any(self.scale_height[: self.bands] <= 0.0):
                 raise ValueError("Atmosphere.Params.scale_height: expected > 0 (m) in every used band")
 
+    class State(Record):
+        """Where the last search for the band ended."""
+
+        band: Annotated[int, "-", "band of the last height"] = 0
+
     in_state = In(SCStatesMsg)
     in_orientation = In(PlanetOrientationMsg)
     out_atmosphere = Out(AtmosphereMsg)
@@ -59,10 +64,12 @@ class Atmosphere(KernelModule):
         r_BN_N = vec3(in_state.r_BN_N)
         z = dot(vec3(in_orientation.dcm_EN[2]), r_BN_N)
         height = height_above_spheroid(norm(r_BN_N), z, params.radius, params.flattening)
-        air = exponential_density(height, params.base_height, params.density, params.scale_height, params.bands)
+        band = band_of(height, params.base_height, params.bands, state.band)
+        air = exponential_density(height, params.base_height, params.density, params.scale_height, band)
         wind = cross(vec3(in_orientation.omega_EN_N), r_BN_N)
         if not math.isfinite(air + wind[0] + wind[1] + wind[2]):
             raise ValueError("in_state.r_BN_N, in_orientation: expected finite numbers and a position that is not 0")
+        state.band = band
         out_atmosphere.density = air
         store3(out_atmosphere.v_AN_N, wind)
         publish(out_atmosphere, t_ns)
