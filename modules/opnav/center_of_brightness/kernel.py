@@ -58,7 +58,9 @@ def centre_of_light(image: NDArray[np.uint8], contrast: float, blur: int, min_ar
         return nothing(NOTHING)
     light: Any = np.bincount(labels.ravel(), weights=(grey - background).ravel(), minlength=count)
     patch = labels == 1 + int(np.argmax(light[1:]))
-    area = float(np.count_nonzero(patch & (grey > background + max(contrast, 3.0 * sigma))))
+    # a blurred edge is where half of the light is left, a terminator fades: a quarter is between
+    quarter = 0.25 * float(np.percentile(grey[patch] - background, 90.0))
+    area = float(np.count_nonzero(patch & (grey > background + max(quarter, 3.0 * sigma))))
     if area < min_area:
         return nothing(NOTHING)
     if patch[0].any() or patch[-1].any() or patch[:, 0].any() or patch[:, -1].any():
