@@ -171,10 +171,10 @@ class EarthRenderer:
         lat, lon, light, mass, path = out
         r, dcm = pose.r_CE_E, pose.dcm_CE
         ground_band(x, y, first, step, r, dcm, sun, *out)
-        if terrain is not None:
-            terrain_band(x, y, first, step, r, dcm, sun, *terrain, lat, lon, light)
         if np.isnan(lat).any():
             limb_band(x, y, first, step, r, dcm, sun, lat, light, mass, path)
+        if terrain is not None:  # last: a mountain may stand where the ellipsoid is passed
+            terrain_band(x, y, first, step, r, dcm, sun, *terrain, lat, lon, light)
         if not self.params.sunlight:
             light.fill(1.0)
             mass.fill(0.0)
