@@ -25,7 +25,7 @@ from fsw.math.epoch import DAY, SECOND, epoch, julian_dates
 
 ERFA: Any = erfa
 ROOT = Path(__file__).parents[3]
-C04 = ROOT / "sim/data/earth_orientation/eopc04_2023-06-29_2023-08-30.txt"
+C04 = ROOT / "tests/data/eopc04_2023-06-29_2023-08-30.txt"
 FINALS = ROOT / "tests/data/finals2000A_extract.txt"
 SERIES_14 = """\
                          EOP (IERS) 14 C04 TIME SERIES

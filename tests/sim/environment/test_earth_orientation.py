@@ -21,7 +21,7 @@ ERFA: Any = erfa
 Criterion = Callable[[str, float], None]
 ROOT = Path(__file__).parents[3]
 RADIUS = 6.378137e6
-C04 = ROOT / "sim/data/earth_orientation/eopc04_2023-06-29_2023-08-30.txt"
+C04 = ROOT / "tests/data/eopc04_2023-06-29_2023-08-30.txt"
 FINALS = ROOT / "tests/data/finals2000A_extract.txt"
 
 
