@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -88,29 +89,56 @@ def match_chips(
         min_score: least normalised correlation.
         min_lead: least lead over the next peak.
     """
-    reach = HALF + window
-    padded = CV.copyMakeBorder(photo, window, window, window, window, cv2.BORDER_CONSTANT, value=0)
-    found, places = np.full((len(centres), 3), np.nan), centres.tolist()
-
-    def look(n: int) -> None:
-        column, row = places[n]
-        chip = chips[row - HALF : row + HALF + 1, column - HALF : column + HALF + 1]
-        top, left = row + window - reach, column + window - reach
-        area = padded[top : top + 2 * reach + 1, left : left + 2 * reach + 1]
-        peak(CV.matchTemplate(area, chip, cv2.TM_CCOEFF_NORMED), min_score, min_lead, found[n])
-
-    def share(first: int) -> None:
-        for n in range(first, len(places), WORKERS):
-            look(n)
-
-    # Each chip has its own row of the answer, so the number of threads changes nothing but the time
-    with ThreadPoolExecutor(WORKERS) as pool:
-        list(pool.map(share, range(WORKERS)))
+    places = centres.tolist()
+    cut = [chips[row - HALF : row + HALF + 1, column - HALF : column + HALF + 1] for column, row in places]
+    found = match_templates(cut, photo, centres, window, min_score, min_lead)
     good = np.isfinite(found[:, 0])
     seen: F64 = centres[good].astype(np.float64) + found[good, :2] - window
     rows, columns = photo.shape
     inside = (seen >= HALF).all(axis=1) & (seen[:, 0] < columns - HALF) & (seen[:, 1] < rows - HALF)
     return Matches(centres[good][inside], seen[inside], found[good, 2][inside])
+
+
+def match_templates(
+    templates: Sequence[NDArray[np.uint8]] | NDArray[np.uint8],
+    photo: NDArray[np.uint8],
+    centres: NDArray[np.int64],
+    window: int,
+    min_score: float,
+    min_lead: float,
+) -> F64:
+    """Look for templates near where they are expected, each on its own.
+
+    Args:
+        templates: n square pictures of one size, an odd number of pixels wide.
+        photo: where to look (rows, columns).
+        centres: (n, 2) column and row at which the middle of each template is expected.
+        window: half-width of the search [px].
+        min_score: least normalised correlation.
+        min_lead: least lead over the next peak.
+
+    Returns:
+        (n, 3) column and row of the peak in the window, whose middle is (window, window), and its height; NaN if the
+        peak is too low, not alone, or at the edge of the window.
+    """
+    padded = CV.copyMakeBorder(photo, window, window, window, window, cv2.BORDER_CONSTANT, value=0)
+    found, places = np.full((len(centres), 3), np.nan), centres.tolist()
+
+    def look(n: int) -> None:
+        half = len(templates[n]) // 2
+        column, row = places[n]
+        top, left = row - half, column - half
+        area = padded[top : row + half + 2 * window + 1, left : column + half + 2 * window + 1]
+        peak(CV.matchTemplate(area, templates[n], cv2.TM_CCOEFF_NORMED), min_score, min_lead, found[n])
+
+    def share(first: int) -> None:
+        for n in range(first, len(places), WORKERS):
+            look(n)
+
+    # Each template has its own row of the answer, so the number of threads changes nothing but the time
+    with ThreadPoolExecutor(WORKERS) as pool:
+        list(pool.map(share, range(WORKERS)))
+    return found
 
 
 @compiled

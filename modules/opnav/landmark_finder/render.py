@@ -92,6 +92,28 @@ def render_view(
         raise MapError("the height file covers nothing of the view; use one that does, or none")
     if geo_map.terrain is not None:
         lat, lon, h = _ground(lens, shape, r_CE_E, dcm_CE, grid)
+    image, mask, sharpness = sample_map(geo_map, lat, lon, shape)
+    if not mask.any():
+        raise MapError("the map covers nothing of the view; use map files of the region that the camera looks at")
+    if not colour:
+        image = cast("NDArray[np.uint8]", CV.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    return View(image, mask, lat, lon, h, sharpness)
+
+
+def sample_map(
+    geo_map: GeoMap, lat: F64, lon: F64, shape: tuple[int, int]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_], float]:
+    """Colours of the map on any grid of places.
+
+    Args:
+        geo_map: the map.
+        lat: latitude [rad] of every STEP-th pixel of rows and columns, as in `View`; NaN where there is no ground.
+        lon: longitude [rad], likewise.
+        shape: rows and columns wanted.
+
+    Returns:
+        Colours (rows, columns, 3), where the map has data (rows, columns), and the sharpness as in `View`.
+    """
     image = np.zeros((*shape, 3), np.uint8)
     mask = np.zeros(shape, np.bool_)
     sharpness = 0.0
@@ -103,11 +125,7 @@ def render_view(
         sharpness = max(sharpness, ratio if fresh.any() else 0.0)
         if mask.all():
             break
-    if not mask.any():
-        raise MapError("the map covers nothing of the view; use map files of the region that the camera looks at")
-    if not colour:
-        image = cast("NDArray[np.uint8]", CV.cvtColor(image, cv2.COLOR_RGB2GRAY))
-    return View(image, mask, lat, lon, h, sharpness)
+    return image, mask, sharpness
 
 
 def _sample(

@@ -65,6 +65,21 @@ class Pass(NamedTuple):
     found: Found
 
 
+def reach_px(lens: F64, shape: tuple[int, int], pose: Pose, P_pose: F64) -> float:
+    """Three standard deviations of the prediction of the ground seen, the largest over the image [px]."""
+    rows, columns = shape
+    pixel = np.array([[x, y] for x in (0.1, 0.5, 0.9) for y in (0.1, 0.5, 0.9)]) * [columns, rows]
+    rays = undistorted_px(lens, pixel) / lens[:2]
+    distance = max(float(np.linalg.norm(pose.r_CE_E)) - 6.371e6, 1e5)
+    ground = pose.r_CE_E + distance * np.column_stack([rays, np.ones(len(rays))]) @ pose.dcm_CE
+    predicted, slopes = np.empty((len(pixel), 2)), np.empty((len(pixel), 2, 6))
+    pose_derivatives(lens, ground, pose.r_CE_E, pose.dcm_CE, predicted, slopes)
+    spread = np.einsum("nia,ab,njb->nij", slopes, P_pose, slopes)[np.isfinite(slopes[:, 0, 0])]
+    if not len(spread):
+        return np.inf
+    return 3.0 * float(np.sqrt(max(np.linalg.eigvalsh(s)[-1] for s in spread)))
+
+
 class Search:
     """A search in one photo."""
 
@@ -104,18 +119,8 @@ class Search:
         return None
 
     def reach_px(self, pose: Pose, P_pose: F64) -> float:
-        """Three standard deviations of the prediction of the ground seen, the largest over the image [px]."""
-        rows, columns = self.photo.shape
-        pixel = np.array([[x, y] for x in (0.1, 0.5, 0.9) for y in (0.1, 0.5, 0.9)]) * [columns, rows]
-        rays = undistorted_px(self.lens, pixel) / self.lens[:2]
-        distance = max(float(np.linalg.norm(pose.r_CE_E)) - 6.371e6, 1e5)
-        ground = pose.r_CE_E + distance * np.column_stack([rays, np.ones(len(rays))]) @ pose.dcm_CE
-        predicted, slopes = np.empty((len(pixel), 2)), np.empty((len(pixel), 2, 6))
-        pose_derivatives(self.lens, ground, pose.r_CE_E, pose.dcm_CE, predicted, slopes)
-        spread = np.einsum("nia,ab,njb->nij", slopes, P_pose, slopes)[np.isfinite(slopes[:, 0, 0])]
-        if not len(spread):
-            return np.inf
-        return 3.0 * float(np.sqrt(max(np.linalg.eigvalsh(s)[-1] for s in spread)))
+        """See `reach_px`."""
+        return reach_px(self.lens, (self.photo.shape[0], self.photo.shape[1]), pose, P_pose)
 
     def _fine(self, start: Pose, window: int) -> Pose | None:
         done = self._pass(self.lens, self.photo, self.edges, start, window, 4.0, self.spacing)

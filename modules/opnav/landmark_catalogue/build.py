@@ -1,0 +1,283 @@
+"""A catalogue from a map: where chips would match well, evenly spread, at several sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rasterio import warp
+
+from fsw.imaging.maps import SEA_LEVEL, GeoMap
+from fsw.imaging.rasters import Raster, apply
+from fsw.math.geodesy import A, ecef_from_geodetic
+from messages.base import F64
+from modules.opnav.features import DETECTORS, detect
+from modules.opnav.landmark_catalogue.catalogue import CHIP, Catalogue, CatalogueError, Landmarks, MapFeatures
+from modules.opnav.landmark_catalogue.kernel import plane_nodes
+from modules.opnav.landmark_finder.kernel import ground_at, height_at
+from modules.opnav.landmark_finder.render import STEP, sample_map
+
+CV: Any = cv2
+WARP: Any = warp
+TILE = 512
+"""The map is gone through in squares of this many pixels."""
+MARGIN = CHIP // 2 + 16
+"""Pixels around a square that are looked at too: chips reach over its edge, and squares of latitude are no squares."""
+WINDOW = 33
+"""The texture of a place is summed over this many rows and columns: those that a tracker will match."""
+BLUR_PX = 1.0
+WORST_SIGMA = 0.1
+"""Largest Cramer-Rao bound in the worst direction, pixels per grey level of noise: the sea is above it."""
+FEATURES_PER_CELL = 4
+
+
+class Region(NamedTuple):
+    """Part of the Earth between two parallels and two meridians [rad]; ``east`` is below ``west`` across 180."""
+
+    south: float
+    west: float
+    north: float
+    east: float
+
+
+class _Cell(NamedTuple):
+    """A square of the map: its region and the picture around its middle."""
+
+    region: Region
+    lat: F64
+    lon: F64
+    h: F64
+    grey: NDArray[np.uint8]
+    mask: NDArray[np.bool_]
+
+
+def region_of(raster: Raster) -> Region:
+    """The region that a raster lies in."""
+    rows, columns = raster.shape
+    x = np.concatenate([np.linspace(0, columns, 33), np.linspace(0, columns, 33), np.zeros(33), np.full(33, columns)])
+    y = np.concatenate([np.zeros(33), np.full(33, rows), np.linspace(0, rows, 33), np.linspace(0, rows, 33)])
+    xs, ys = apply(~raster.inverse, x, y)
+    lon, lat = (np.array(v) for v in WARP.transform(raster.crs, "EPSG:4326", xs.tolist(), ys.tolist())[:2])
+    known = np.isfinite(lon) & np.isfinite(lat)
+    lon = raster.middle_lon_deg + np.remainder(lon - raster.middle_lon_deg + 180.0, 360.0) - 180.0
+    if raster.epsg == 4326:
+        lon = xs  # an edge on both sides of longitude 180 is not one meridian
+    if not known.any():
+        raise CatalogueError(f"map file {raster.path}: its edges have no place on the Earth; name a region")
+    west, east = float(lon[known].min()), float(lon[known].max())
+    return Region(*np.radians([float(lat[known].min()), west, float(lat[known].max()), east]).tolist())
+
+
+def map_gsd(raster: Raster, region: Region) -> float:
+    """Size of a raster's pixel on the ground in the middle of a region [m]."""
+    lat, width = 0.5 * (region.south + region.north), _width(region)
+    step = 1e-5
+    lats = np.array([lat, lat + step, lat])
+    lons = region.west + 0.5 * width + np.array([0.0, 0.0, step / max(math.cos(lat), 1e-3)])
+    column, row = raster.locate(lats, lons)
+    north = (column[1] - column[0], row[1] - row[0])
+    east = (column[2] - column[0], row[2] - row[0])
+    area = abs(float(north[0] * east[1] - north[1] * east[0]))
+    if not area > 0.0:
+        raise CatalogueError(f"map file {raster.path} has no pixels in the middle of the region; name another region")
+    return step * A / math.sqrt(area)
+
+
+def _width(region: Region) -> float:
+    width = math.remainder(region.east - region.west, 2.0 * math.pi)
+    return width if width > 0.0 else width + 2.0 * math.pi
+
+
+def build_catalogue(
+    geo_map: GeoMap,
+    region: Region | None = None,
+    gsd: float | None = None,
+    *,
+    levels: int = 4,
+    spacing: int = 40,
+    detector: str = "sift",
+    tick: Callable[[float], None] = lambda share: None,
+) -> Catalogue:
+    """Make a catalogue.
+
+    Args:
+        geo_map: map and heights.
+        region: part of the Earth; the finest map file's if left out.
+        gsd: size of a pixel of the finest chips [m]; the finest map's if left out.
+        levels: sizes of chips; each level's pixels are twice as large as those of the last.
+        spacing: pixels of a chip from landmark to landmark.
+        detector: of the features for the cold start, a name in `modules.opnav.features.DETECTORS`.
+        tick: called with the share that is done.
+
+    Raises:
+        CatalogueError: if an argument does not fit or the map has no landmarks in the region.
+        MapError: if a map cannot be read.
+    """
+    if detector not in DETECTORS:
+        raise CatalogueError(f"detector: expected one of {', '.join(DETECTORS)}, got {detector!r}")
+    if not (1 <= levels <= 8 and 16 <= spacing <= TILE):
+        raise CatalogueError(f"expected levels from 1 to 8 and spacing from 16 to {TILE}, got {levels} and {spacing}")
+    region = region_of(geo_map.layers[0]) if region is None else region
+    if not (-math.pi / 2 <= region.south < region.north <= math.pi / 2 and np.isfinite(region).all()):
+        raise CatalogueError(f"region: expected a southern and a northern latitude in radians, got {tuple(region)}")
+    gsd = map_gsd(geo_map.layers[0], region) if gsd is None else gsd
+    if not gsd > 0.0:
+        raise CatalogueError(f"gsd: expected metres above 0, got {gsd}")
+    marks: list[Landmarks] = []
+    features: list[MapFeatures] = []
+    sizes = [gsd * 2**level for level in range(levels)]
+    squares = [(size, square) for size in sizes for square in _squares(region, size)]
+    for done, (size, square) in enumerate(squares):
+        cell = _picture(geo_map, square, size)
+        if cell is not None:
+            marks += _landmarks(geo_map, cell, size, spacing)
+            features.append(_features(cell, size, spacing, detector))
+        tick((done + 1) / len(squares))
+    if not marks:
+        raise CatalogueError("the map has no texture in the region, or does not cover it; name another region or map")
+    names = tuple(r.path.name for r in (*geo_map.layers, *([geo_map.terrain] if geo_map.terrain else [])))
+    joined = Landmarks(*(np.concatenate(parts) for parts in zip(*marks, strict=True)))
+    return Catalogue(
+        names, gsd, detector, joined, MapFeatures(*(np.concatenate(p) for p in zip(*features, strict=True)))
+    )
+
+
+def _squares(region: Region, size: float) -> Generator[Region]:
+    """Parts of a region of about TILE pixels of ``size``; each as wide as its side nearer the equator needs."""
+    span, width = TILE * size / A, _width(region)
+    rows = max(1, math.ceil((region.north - region.south) / span))
+    for i in range(rows):
+        south = region.south + (region.north - region.south) * i / rows
+        north = region.south + (region.north - region.south) * (i + 1) / rows
+        widest = 1.0 if south <= 0.0 <= north else math.cos(min(abs(south), abs(north)))
+        columns = max(1, math.ceil(width * widest / span))
+        if widest * width < 1e-9:
+            continue
+        for j in range(columns):
+            yield Region(south, region.west + width * j / columns, north, region.west + width * (j + 1) / columns)
+
+
+def _picture(geo_map: GeoMap, square: Region, size: float) -> _Cell | None:
+    """The map in the plane that touches the Earth in the middle of a square; None where it has nothing."""
+    shape = (TILE + 2 * MARGIN,) * 2
+    nodes = ((shape[0] - 1) // STEP + 2,) * 2
+    lat, lon = np.empty(nodes), np.empty(nodes)
+    lat0, lon0 = 0.5 * (square.south + square.north), 0.5 * (square.west + square.east)
+    plane_nodes(lat0, lon0, 0.0, size, 0.5 * (shape[0] - 1.0), STEP, lat, lon)
+    colour, mask, _ = sample_map(geo_map, lat, lon, shape)
+    if not mask.any():
+        return None
+    grid = geo_map.height_grid(lat, lon) or SEA_LEVEL
+    h = np.array([height_at(*grid, a, b) for a, b in zip(lat.ravel().tolist(), lon.ravel().tolist(), strict=True)])
+    h = np.nan_to_num(h.reshape(nodes), nan=0.0)
+    return _Cell(square, lat, lon, h, CV.cvtColor(colour, cv2.COLOR_RGB2GRAY), mask)
+
+
+def texture(grey: NDArray[np.uint8]) -> tuple[F64, F64]:
+    """Cramer-Rao bounds of a match in its best and its worst direction, pixels per grey level of white noise.
+
+    The inverse square roots of the eigenvalues of the sum of the gradient's products over a window of WINDOW pixels
+    (Foerstner 1982; as a measure of corners, Shi and Tomasi 1994).
+    """
+    smooth = CV.GaussianBlur(grey.astype(np.float32), (0, 0), BLUR_PX)
+    dx, dy = CV.Sobel(smooth, -1, 1, 0, scale=0.125), CV.Sobel(smooth, -1, 0, 1, scale=0.125)
+    xx, xy, yy = (CV.boxFilter(p, cv2.CV_64F, (WINDOW, WINDOW), normalize=False) for p in (dx * dx, dx * dy, dy * dy))
+    middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    return 1.0 / np.sqrt(middle + spread + 1e-9), 1.0 / np.sqrt(np.maximum(middle - spread, 0.0) + 1e-9)
+
+
+def _within(square: Region, lat: F64, lon: F64) -> NDArray[np.bool_]:
+    """Whether places belong to a square; each place of a region belongs to one."""
+    turn = np.remainder(lon - square.west, 2.0 * math.pi)
+    return (lat >= square.south) & (lat < square.north) & (turn < square.east - square.west)
+
+
+def _landmarks(geo_map: GeoMap, cell: _Cell, size: float, spacing: int) -> list[Landmarks]:
+    """The place with the best bound in each small cell, with its chip."""
+    best, worst = texture(cell.grey)
+    whole = CV.erode(cell.mask.astype(np.uint8), np.ones((CHIP + 1, CHIP + 1), np.uint8))
+    worst[whole == 0] = np.inf
+    count = -(-TILE // spacing)
+    rows = _argmin_cells(worst, spacing, count)
+    rows = rows[worst[rows[:, 1], rows[:, 0]] <= WORST_SIGMA]
+    lat, lon, h = _places(cell, rows.astype(float))
+    own = _within(cell.region, lat, lon)
+    found: list[Landmarks] = []
+    for (column, row), a, b, c in zip(rows[own].tolist(), lat[own], lon[own], h[own], strict=True):
+        chip, slope = _chip(geo_map, float(a), float(b), float(c), size)
+        if chip is not None:
+            bounds = np.array([[best[row, column], worst[row, column]]])
+            place = np.array([ecef_from_geodetic(float(a), float(b), float(c))])
+            one = (np.array([v]) for v in (size, a, b, c))
+            found.append(Landmarks(chip[None], *one, slope[None], place, bounds))
+    return found
+
+
+def _argmin_cells(value: F64, spacing: int, count: int) -> NDArray[np.int64]:
+    """Column and row (count^2, 2) of the least value in each cell of a grid in the middle of a picture."""
+    rows = np.empty((count * count, 2), np.int64)
+    start = (value.shape[0] - spacing * count) // 2
+    for k in range(count * count):
+        i, j = start + spacing * (k // count), start + spacing * (k % count)
+        part = value[i : i + spacing, j : j + spacing]
+        y, x = np.unravel_index(int(part.argmin()), part.shape)
+        rows[k] = j + x, i + y
+    return rows
+
+
+def _places(cell: _Cell, pixel: F64) -> tuple[F64, F64, F64]:
+    """Latitude, longitude [rad] and height [m] at pixels of a square's picture; bilinear between nodes."""
+    x, y = pixel[:, 0] / STEP, pixel[:, 1] / STEP
+    j, i = x.astype(np.int64), y.astype(np.int64)
+    b, a = x - j, y - i
+
+    def at(nodes: F64) -> F64:
+        low = nodes[i, j] * (1.0 - b) + nodes[i, j + 1] * b
+        return low * (1.0 - a) + (nodes[i + 1, j] * (1.0 - b) + nodes[i + 1, j + 1] * b) * a
+
+    lon0 = cell.lon[0, 0]
+    unwrapped = lon0 + np.remainder(cell.lon - lon0 + math.pi, 2.0 * math.pi) - math.pi
+    return at(cell.lat), np.remainder(at(unwrapped) + math.pi, 2.0 * math.pi) - math.pi, at(cell.h)
+
+
+def _chip(geo_map: GeoMap, lat: float, lon: float, h: float, size: float) -> tuple[NDArray[np.uint8] | None, F64]:
+    """Chip (CHIP, CHIP) of a place, or None where the map does not fill it; and the slope of the ground (2,)."""
+    nodes = (CHIP - 1) // STEP + 2
+    lats, lons = np.empty((nodes, nodes)), np.empty((nodes, nodes))
+    plane_nodes(lat, lon, h, size, 0.5 * (CHIP - 1), STEP, lats, lons)
+    colour, mask, _ = sample_map(geo_map, lats, lons, (CHIP, CHIP))
+    if not mask.all():
+        return None, np.zeros(2)
+    slope = np.zeros(2)
+    grid = None if geo_map.terrain is None else geo_map.height_grid(lats, lons)
+    if grid is not None:
+        ends = [[height_at(*grid, float(lats[i, j]), float(lons[i, j])) for j in (2, -3)] for i in (2, -3)]
+        base = size * STEP * (nodes - 5)
+        east = 0.5 * (ends[0][1] + ends[1][1] - ends[0][0] - ends[1][0]) / base
+        north = 0.5 * (ends[0][0] + ends[0][1] - ends[1][0] - ends[1][1]) / base
+        slope = np.nan_to_num(np.array([east, north]))
+    return CV.cvtColor(colour, cv2.COLOR_RGB2GRAY), slope
+
+
+def _features(cell: _Cell, size: float, spacing: int, detector: str) -> MapFeatures:
+    """The strongest features of each small cell of a square."""
+    clear = CV.createCLAHE(clipLimit=3.0, tileGridSize=(8, 8)).apply(cell.grey)
+    inner = CV.erode(cell.mask.astype(np.uint8), np.ones((17, 17), np.uint8))
+    count = -(-TILE // spacing)
+    found = detect(detector, clear, inner > 0, 4 * FEATURES_PER_CELL * count * count)
+    lat, lon, _ = _places(cell, np.clip(found.place_px, 0.0, cell.grey.shape[0] - 1.001))
+    keep = _within(cell.region, lat, lon)
+    found, lat, lon = found.pick(keep), lat[keep], lon[keep]
+    number = (found.place_px // spacing).astype(np.int64) @ np.array([1, 10000])
+    order = np.lexsort((-found.response, number))
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order)) - np.searchsorted(number[order], number[order])
+    chosen = np.flatnonzero(rank < FEATURES_PER_CELL)
+    places = np.empty((len(chosen), 3))
+    ground_at(cell.lat, cell.lon, cell.h, STEP, np.ascontiguousarray(found.place_px[chosen]), places)
+    known = np.isfinite(places).all(axis=1)
+    return MapFeatures(places[known], np.full(int(known.sum()), size), found.words[chosen][known])
