@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import json
 import math
@@ -45,24 +46,27 @@ def read_image(path: Path) -> NDArray[Any]:
         ValueError: if the file is missing, no image, damaged, or too large.
     """
     import cv2
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file; give an image")
+    many = f"pixels are too many; crop or reduce it below {MAX_PIXELS} pixels"
+    library: Any = cv2
+    image = None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path) as header:
+            with contextlib.suppress(UnidentifiedImageError), Image.open(path) as header:
                 if header.width * header.height > MAX_PIXELS:
-                    size = f"{header.width} x {header.height}"
-                    raise ValueError(f"{path}: {size} pixels are too many; crop or reduce it below {MAX_PIXELS} pixels")
+                    raise ValueError(f"{path}: {header.width} x {header.height} {many}")
                 header.load()  # says so if data are missing, which OpenCV may not
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ValueError(f"{path}: not an image that can be read ({error}); give a PNG, TIFF or JPEG") from error
-    library: Any = cv2
-    image = library.imread(str(path), cv2.IMREAD_UNCHANGED)
+        image = library.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except Image.DecompressionBombError as error:
+        raise ValueError(f"{path}: its {many}") from error
+    except (OSError, SyntaxError, library.error) as error:
+        raise ValueError(f"{path}: damaged ({str(error).strip()}); give a whole image") from error
     if image is None:
-        raise ValueError(f"{path}: not an image that OpenCV reads; convert it to PNG or TIFF")
+        raise ValueError(f"{path}: not an image that can be read; give a PNG, TIFF or JPEG")
     return image[..., [2, 1, 0]] if image.ndim == 3 and image.shape[2] >= 3 else image
 
 

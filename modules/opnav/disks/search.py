@@ -30,6 +30,10 @@ MIN_SHARE = 0.5
 MIN_KEPT = 0.65
 """Share of the measured points that must agree."""
 MIN_POINTS = 12
+SCATTER_PX = 0.3
+SCATTER = 0.003
+MAX_SCATTER_PX = 0.7
+"""Points may scatter by this and this share of the radius (relief), or by 2.5 times what noise does, up to this."""
 MAX_SIGMA = 0.07
 """Largest standard deviation of a radius, to the radius: where a line would do as well, there is no disk."""
 
@@ -158,7 +162,11 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     limb, fitted = made[0].pick(made[1].keep), made[1]
     d, theta = e.distance(limb.x, limb.y)[0], np.arctan2(limb.y - e.y, limb.x - e.x) % TURN
     rms, arc = float(np.sqrt(np.mean(d**2))), len(np.unique((theta / TURN * 72).astype(int))) / 72 * TURN
-    if fitted.keep.mean() < MIN_KEPT or rms > max(0.7, 0.004 * e.radius):
+    blind = (
+        1.9 * math.sqrt(limb.blur) * search.noise / float(np.median(limb.step))
+    )  # of a blurred step's place in noise
+    rough = max(SCATTER_PX + SCATTER * e.radius, min(2.5 * blind, MAX_SCATTER_PX))
+    if fitted.keep.mean() < MIN_KEPT or rms > rough:
         return "points that do not agree"
     if arc < options.min_arc or not math.sqrt(fitted.P[2, 2]) < MAX_SIGMA * e.radius:
         return "too little of a circle"

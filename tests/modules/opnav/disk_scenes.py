@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,7 +54,7 @@ def lit_disk(
     v = (y * math.cos(turn) - x * math.sin(turn)) / ratio / radius
     x, y = u * math.cos(turn) - v * math.sin(turn), u * math.sin(turn) + v * math.cos(turn)
     inside = x * x + y * y <= 1.0
-    z = np.sqrt(np.where(inside, 1.0 - x * x - y * y, 0.0))
+    z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
     phase, azimuth = math.radians(phase_deg), math.radians(direction_deg)
     incident = np.maximum((x * math.cos(azimuth) + y * math.sin(azimuth)) * math.sin(phase) + z * math.cos(phase), 0.0)
     if law == "lambert":
@@ -108,17 +111,19 @@ def with_stars(image: NDArray[Any], rng: np.random.Generator, count: int, top: f
 def basilisk_scene(scene: dict[str, Any]) -> NDArray[np.uint8]:
     """A scene (rows, columns, 3) of the reference vectors, after their description; see `sha256`."""
     w, h, over = scene["width"], scene["height"], scene.get("smooth", 4)
-    y, x = np.mgrid[0 : h * over, 0 : w * over]
-    x, y = (x + 0.5) / over - 0.5, (y + 0.5) / over - 0.5
-    fine = np.full(x.shape, float(scene.get("background", 0)))
+    x, y = (np.arange(w * over) + 0.5) / over - 0.5, ((np.arange(h * over) + 0.5) / over - 0.5)[:, None]
+    fine = np.full((h * over, w * over), float(scene.get("background", 0)))
     for body in scene["bodies"]:
-        nx, ny = (x - body["x"]) / body["r"], (y - body["y"]) / body["r"]
+        left, right = np.searchsorted(x, [body["x"] - body["r"] - 1, body["x"] + body["r"] + 1])
+        upper, lower = np.searchsorted(y[:, 0], [body["y"] - body["r"] - 1, body["y"] + body["r"] + 1])
+        nx, ny = (x[left:right] - body["x"]) / body["r"], (y[upper:lower] - body["y"]) / body["r"]
         square = nx * nx + ny * ny
-        nz = np.sqrt(np.where(square <= 1.0, 1 - square, 0.0))
+        nz = np.sqrt(np.maximum(1 - square, 0.0))
         phase, azimuth = body["phase"], body["dir"]
         sun = (math.sin(phase) * math.cos(azimuth), math.sin(phase) * math.sin(azimuth), math.cos(phase))
         lit = np.clip(nx * sun[0] + ny * sun[1] + nz * sun[2], 0, None)
-        fine = np.where(square <= 1.0, body["level"] * np.sqrt(lit), fine)
+        part = fine[upper:lower, left:right]
+        part[square <= 1.0] = (body["level"] * np.sqrt(lit))[square <= 1.0]
     grey = np.floor(fine.reshape(h, over, w, over).mean(axis=(1, 3)) + 0.5)
     if scene.get("noise"):
         seed, most = scene["noise"]
@@ -126,6 +131,15 @@ def basilisk_scene(scene: dict[str, Any]) -> NDArray[np.uint8]:
     grey = np.clip(grey, 0, 255).astype(np.uint8)
     tint = np.array(scene.get("tint") or [1.0, 1.0, 1.0], float)
     return np.clip(np.floor(grey[..., None] * tint + 0.5), 0, 255).astype(np.uint8)
+
+
+@functools.cache
+def vectors() -> tuple[dict[str, Any], list[NDArray[np.uint8]]]:
+    """Basilisk's vectors and the images of their scenes, which are those that it saw."""
+    made = json.loads((Path(__file__).parents[2] / "data" / "basilisk_opnav_images.json").read_text())
+    images = [basilisk_scene(s) for s in made["scenes"]]
+    assert [sha256(i) for i in images] == [s["sha256_rgb"] for s in made["scenes"]]
+    return made, images
 
 
 def sha256(image: NDArray[np.uint8]) -> str:
