@@ -41,6 +41,43 @@ PARAMS: dict[str, Callable[[], Record]] = {
 """Parameters and states by ``Class.Params`` or ``Class.State``, where the rules below cannot make them."""
 
 
+def _disk_messages() -> dict[str, Callable[[np.random.Generator, int], Message]]:
+    """The Moon as a camera sees it: fields that fit each other, which no rule for single fields makes."""
+    from messages.opnav import OpNavBrightnessMsg, OpNavMsg
+    from tests.modules.opnav.disk_truth import camera, circles_message, limb_message
+
+    spot = np.array([500.0, 520.0])
+
+    def limb(rng: np.random.Generator, t_ns: int) -> Message:
+        angle = rng.uniform(0.0, 2.0 * np.pi, 40)
+        return limb_message(spot + 60.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1), 0.1, 301, t_ns)
+
+    def circles(rng: np.random.Generator, t_ns: int) -> Message:
+        return circles_message(np.array([[*spot + rng.normal(size=2), 60.0]]), np.eye(3), 301, t_ns)
+
+    def light(rng: np.random.Generator, t_ns: int) -> Message:
+        fields: dict[str, Any] = {"exposure_ns": t_ns, "valid": True, "status": 0, "body_id": 301}
+        return OpNavBrightnessMsg(center_px=spot + rng.normal(size=2), P_px=np.eye(2), area_px=30.0, **fields)
+
+    def position(rng: np.random.Generator, t_ns: int) -> Message:
+        fields: dict[str, Any] = {"exposure_ns": t_ns, "valid": True, "status": 0, "fault_detected": False}
+        fields |= {f"r_CP_{f}": np.full(3, 1e7) + rng.normal(size=3) for f in "NBC"}
+        fields |= {f"P_rr_{f}": np.diag([4.0, 5.0, 9.0]) for f in "NBC"}
+        return OpNavMsg(body_id=301, **fields)
+
+    return {
+        "CameraConfigMsg": lambda rng, t_ns: camera(800.0),
+        "OpNavLimbMsg": limb,
+        "OpNavCirclesMsg": circles,
+        "OpNavBrightnessMsg": light,
+        "OpNavMsg": position,
+    }
+
+
+MESSAGES = _disk_messages()
+"""Messages by class name, where the rules below cannot make them."""
+
+
 def kernel_modules() -> list[type[KernelModule]]:
     """All classes of compiled modules in ``modules`` and ``sim``."""
     found: set[type[KernelModule]] = set()
@@ -95,6 +132,8 @@ def record(kind: type[Record], rng: np.random.Generator) -> Record:
 
 def message(kind: type[Message], rng: np.random.Generator, t_ns: int) -> Message:
     """A message with every field made up; times, whose names end in ``_ns``, are now."""
+    if kind.__qualname__ in MESSAGES:
+        return MESSAGES[kind.__qualname__](rng, t_ns)
     return kind(**{f.name: t_ns if f.name.endswith("_ns") else plausible(f, rng) for f in fields_of(kind)})
 
 

@@ -99,6 +99,7 @@ def direction_of_light(
     """
     x0, y0 = undistort_point(lens, u, v)
     x, y, dx, dy = x0, y0, 0.0, 0.0
+    ex, ey = math.inf, math.inf
     if math.isnan(x0):
         return OUTSIDE_LENS, (x0, y0, 1.0), dx, dy
     for _ in range(50):

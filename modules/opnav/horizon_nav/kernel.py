@@ -15,6 +15,7 @@ import numpy as np
 from fsw.math.camera import distort_slopes, undistort_point
 from fsw.math.compiled import compiled
 from fsw.math.vectors import M3, V3, axpy, cross, dot, inverse, matmul, norm, scale, unit
+from fsw.module import Row
 from messages.base import F64, I64
 from modules.opnav.relative import (
     BAD_NUMBERS,
@@ -256,7 +257,7 @@ def consensus(B: M3, rays: F64, tries: int, gate: float) -> tuple[bool, V3]:
 
 
 @compiled
-def median(values: F64) -> float:
+def median(values: Row) -> float:
     """Middle one of some numbers (the higher of two), by selection; changes their order."""
     low, high, k = 0, values.shape[0] - 1, values.shape[0] // 2
     while low < high:

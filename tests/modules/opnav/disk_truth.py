@@ -15,6 +15,7 @@ from fsw.ports import In
 from messages.base import F64
 from messages.opnav import MAX_CIRCLES, MAX_LIMB, CameraConfigMsg, OpNavCirclesMsg, OpNavLimbMsg
 from messages.states import NavAttMsg
+from modules.opnav.basilisk import camera_of
 
 Criterion = Callable[[str, float], None]
 FRAMES = "NBC"
@@ -48,6 +49,13 @@ def camera(focal: float, size: int = 1024, distortion: Sequence[float] = (0.0,) 
     )
 
 
+def basilisk_camera(case: dict[str, Any]) -> CameraConfigMsg:
+    """The camera of a case of Basilisk."""
+    width, height = case.get("resolution", (512, 512))
+    sigma: Any = tuple(case["sigma_CB"])
+    return camera_of(case.get("fieldOfView", 0.5), width, height, sigma)
+
+
 def attitude(sigma: Sequence[float] = (0.0, 0.0, 0.0), rate: Sequence[float] = (0.0, 0.0, 0.0)) -> NavAttMsg:
     return NavAttMsg(sigma_BN=np.array(sigma), omega_BN_B=np.array(rate))
 
@@ -56,7 +64,7 @@ def pixels(cam: CameraConfigMsg, points_C: F64) -> F64:
     """Projection by OpenCV (no skew), (n, 2)."""
     matrix = np.array([[cam.focal_px[0], 0.0, cam.center_px[0]], [0.0, cam.focal_px[1], cam.center_px[1]], [0, 0, 1]])
     flat = cv2.projectPoints(np.ascontiguousarray(points_C), np.zeros(3), np.zeros(3), matrix, cam.distortion)[0]
-    return flat.reshape(-1, 2)
+    return np.asarray(flat, np.float64).reshape(-1, 2)
 
 
 def limb_points(axes: F64, dcm_EC: F64, r_C: F64, angle: F64) -> F64:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from messages.base import F64
 from messages.opnav import CameraConfigMsg
 
 
-def rays(cam: CameraConfigMsg, columns: F64, rows: F64) -> F64:
+def rays(cam: CameraConfigMsg, columns: NDArray[Any], rows: NDArray[Any]) -> F64:
     """Unit directions that pixels see, (n, 3)."""
     matrix = np.array([[cam.focal_px[0], 0.0, cam.center_px[0]], [0.0, cam.focal_px[1], cam.center_px[1]], [0, 0, 1]])
     seen = np.stack([columns.ravel(), rows.ravel()], axis=1)[:, None, :]

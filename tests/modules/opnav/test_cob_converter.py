@@ -31,7 +31,8 @@ def brightness(center: F64, area: float = 1000.0, **more: Any) -> OpNavBrightnes
 
 
 def wired(cam: CameraConfigMsg, sun_N: F64, far: float = 0.0, **params: Any) -> tuple[CobConverter, dict[str, Any]]:
-    converter = CobConverter("converter", CobConverter.Params(**{"axes": np.full(3, RADIUS), **params}))
+    made: dict[str, Any] = {"axes": np.full(3, RADIUS), **params}
+    converter = CobConverter("converter", CobConverter.Params(**made))
     feed = sources(converter)
     feed["in_camera"].write(cam, 0)
     feed["in_attitude"].write(attitude(), 0)

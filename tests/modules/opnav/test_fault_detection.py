@@ -13,10 +13,10 @@ from fsw import s
 from messages.base import F64
 from messages.opnav import OpNavMsg
 from modules.opnav import relative
-from modules.opnav.basilisk import body_of, camera_of
+from modules.opnav.basilisk import body_of
 from modules.opnav.fault_detection import FaultDetection
 from modules.opnav.fault_detection.module import ALONE, FAULT, OTHER_BODY
-from tests.modules.opnav.disk_truth import FRAMES, Criterion, attitude, camera, sources, vectors, worst
+from tests.modules.opnav.disk_truth import FRAMES, Criterion, attitude, basilisk_camera, camera, sources, vectors, worst
 
 P1 = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.2], [0.5, -0.2, 9.0]]) * 1e6
 P2 = np.array([[2.0, -0.4, 0.1], [-0.4, 5.0, 1.0], [0.1, 1.0, 6.0]]) * 1e6
@@ -51,7 +51,7 @@ def test_basilisk_vectors(criterion: Criterion) -> None:
         params: dict[str, Any] = {"mode": int(case["faultMode"]), "sigma_fault": case["sigmaFault"]}
         module = FaultDetection("judge", FaultDetection.Params(basilisk=True, **params))
         feed = sources(module)
-        feed["in_camera"].write(camera_of(0.5, 512, 512, tuple(case["sigma_CB"])), 0)
+        feed["in_camera"].write(basilisk_camera(case), 0)
         feed["in_attitude"].write(attitude(case["sigma_BN"]), 0)
         for name in ("primary", "secondary"):
             given = case[name]

@@ -13,12 +13,13 @@ from messages.base import F64
 from messages.environment import PlanetOrientationMsg
 from messages.opnav import CameraConfigMsg, OpNavMsg
 from modules.opnav import relative
-from modules.opnav.basilisk import body_of, camera_of
+from modules.opnav.basilisk import body_of
 from modules.opnav.horizon_nav import HorizonNav
 from tests.modules.opnav.disk_truth import (
     FRAMES,
     Criterion,
     attitude,
+    basilisk_camera,
     camera,
     limb_message,
     limb_points,
@@ -69,7 +70,8 @@ class Scene:
         return pixels(self.camera, limb_points(self.axes, self.dcm_EC, self.r_C if r_C is None else r_C, angle))
 
     def module(self, **params: Any) -> tuple[HorizonNav, Any]:
-        nav = HorizonNav("nav", HorizonNav.Params(**{"axes": self.axes, **params}))
+        made: dict[str, Any] = {"axes": self.axes, **params}
+        nav = HorizonNav("nav", HorizonNav.Params(**made))
         feed = sources(nav)
         feed["in_camera"].write(self.camera, 0)
         feed["in_attitude"].write(attitude(), 0)
@@ -87,7 +89,7 @@ def latest(nav: HorizonNav, t_ns: int = 0) -> OpNavMsg:
 def basilisk(case: dict[str, Any]) -> tuple[HorizonNav, Any, F64]:
     nav = HorizonNav("nav", HorizonNav.Params(basilisk=True, noise_factor=case["noiseSF"]))
     feed = sources(nav)
-    feed["in_camera"].write(camera_of(case["fieldOfView"], *case["resolution"], tuple(case["sigma_CB"])), 0)
+    feed["in_camera"].write(basilisk_camera(case), 0)
     feed["in_attitude"].write(attitude(case["sigma_BN"]), 0)
     return nav, feed["in_limb"], np.array(case["limbPoints"]).reshape(-1, 2)
 
@@ -237,7 +239,7 @@ def test_frames_and_times() -> None:
 def test_options() -> None:
     """Pole of a spheroid, height of the limb, noise larger than stated."""
     scene = Scene(SATURN, 100, 10, 180, 6)
-    pole = {"axes": scene.axes - 50e3, "limb_height": 50e3, "pole_N": 4.0 * scene.dcm_EC[2]}
+    pole: dict[str, Any] = {"axes": scene.axes - 50e3, "limb_height": 50e3, "pole_N": 4.0 * scene.dcm_EC[2]}
     nav = HorizonNav("nav", HorizonNav.Params(**pole))  # C, B and N are the same
     feed = sources(nav)
     feed["in_camera"].write(scene.camera, 0)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares as _least_squares
 from scipy.spatial.transform import Rotation
 
 from fsw import s
@@ -14,12 +14,13 @@ from messages.base import F64
 from messages.environment import EphemerisMsg, PlanetOrientationMsg
 from messages.opnav import CameraConfigMsg, OpNavMsg
 from modules.opnav import relative
-from modules.opnav.basilisk import body_of, camera_of
+from modules.opnav.basilisk import body_of
 from modules.opnav.pixel_line_converter import PixelLineConverter
 from tests.modules.opnav.disk_truth import (
     FRAMES,
     Criterion,
     attitude,
+    basilisk_camera,
     camera,
     circles_message,
     limb_points,
@@ -29,6 +30,7 @@ from tests.modules.opnav.disk_truth import (
     worst,
 )
 
+least_squares: Any = _least_squares
 SPHERE, SATURN = np.full(3, 3.4e6), np.array([60268e3, 60268e3, 54364e3])
 MIMAS = np.array([207.8e3, 196.7e3, 190.6e3])
 LENS = (-0.1, 0.02, 1e-3, -5e-4, 0.0)
@@ -85,7 +87,7 @@ def place(off: float, far: float, turn: float = 0.7) -> F64:
 def basilisk(case: dict[str, Any]) -> OpNavMsg:
     converter = PixelLineConverter("converter", PixelLineConverter.Params(basilisk=True))
     feed = sources(converter)
-    feed["in_camera"].write(camera_of(case["fieldOfView"], *case["resolution"], tuple(case["sigma_CB"])), 0)
+    feed["in_camera"].write(basilisk_camera(case), 0)
     feed["in_attitude"].write(attitude(case["sigma_BN"]), 0)
     circles = np.column_stack([np.array(case["circlesCenters"]).reshape(-1, 2), case["circlesRadii"]])
     P, body = np.array(case["uncertainty"]).reshape(3, 3), body_of(case["planetIds"][0])
