@@ -30,50 +30,70 @@ RAYS, _STEP = 16, 5
 
 
 @compiled
-def look(body: F64, faces: NDArray[np.float32], x: float, y: float) -> tuple[float, float, float]:
-    """What a ray sees of a body.
+def meet(body: F64, x: float, y: float) -> tuple[float, float, float, float]:
+    """Where a ray meets a body.
+
+    It has no branch: a function of an array that has one is not merged into its caller, and such calls are slow.
 
     Args:
         body: its numbers (25,).
-        faces: its texture as a cube, (6, n + 2, n + 2); see `sim.camera.disk_camera.texture`.
         x: tangent of the ray to the right.
         y: tangent downwards.
 
     Returns:
-        Room: 1 - p^2, negative if the ray misses; cosine of the Sun's incidence, negative at night; radiance.
+        Room: 1 - p^2, negative if the ray misses, very negative behind the camera. If it is positive: depth along the
+        boresight, and the cosines of incidence and emission of the light; the former is negative at night.
     """
     tx = body[0] * x + body[1] * y + body[2]
     ty = body[3] * x + body[4] * y + body[5]
     tz = body[6] * x + body[7] * y + body[8]
-    tt = tx * tx + ty * ty + tz * tz
-    inverse = 1.0 / tt
+    inverse = 1.0 / (tx * tx + ty * ty + tz * tz)
     k = -(body[9] * tx + body[10] * ty + body[11] * tz) * inverse
     px, py, pz = body[9] + k * tx, body[10] + k * ty, body[11] + k * tz
     room = 1.0 - (px * px + py * py + pz * pz)
-    if not (room > 0.0 and k > 0.0):
-        return (room if k > 0.0 and room <= 0.0 else -math.inf), -1.0, 0.0
-    back = math.sqrt(room * inverse)
+    room = room if k > 0.0 else -1e300
+    back = math.sqrt(max(room, 0.0) * inverse)
     px, py, pz = px - back * tx, py - back * ty, pz - back * tz
     nx, ny, nz = px * body[12], py * body[13], pz * body[14]
-    inverse = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    mu0 = (px * body[15] + py * body[16] + pz * body[17]) * inverse
-    if mu0 <= 0.0:
-        return room, mu0, 0.0
-    reflected = mu0
-    if body[21] != LAMBERT:
-        mu = back * tt * inverse / math.sqrt(x * x + y * y + 1.0)
-        if body[21] == LOMMEL_SEELIGER:
-            reflected = 2.0 * mu0 / (mu0 + mu)
-        else:
-            reflected = math.pow(mu0, body[22]) * math.pow(max(mu, 1e-3), body[22] - 1.0)
-    if faces.shape[1] > 3:
-        reflected *= textured(faces, px * body[18], py * body[19], pz * body[20])
-    return room, mu0, body[23] * reflected
+    square = nx * nx + ny * ny + nz * nz
+    mu0 = (px * body[15] + py * body[16] + pz * body[17]) / math.sqrt(square)
+    mu = back / (inverse * math.sqrt(square * (x * x + y * y + 1.0)))
+    return room, k - back, mu0, mu
 
 
 @compiled
-def textured(faces: NDArray[np.float32], x: float, y: float, z: float) -> float:
-    """The texture in a direction, linear between the middles of its cells."""
+def reflected(law: float, exponent: float, mu0: float, mu: float) -> float:
+    """Part of the light that a surface sends to the camera, from the cosines of incidence and emission; 0 at night."""
+    if not mu0 > 0.0:
+        return 0.0
+    if law == LAMBERT:
+        return mu0
+    if law == LOMMEL_SEELIGER:
+        return 2.0 * mu0 / (mu0 + mu)
+    return math.pow(mu0, exponent) * math.pow(max(mu, 1e-3), exponent - 1.0)
+
+
+@compiled
+def meet_row(body: F64, tangents: F64, out: F64) -> None:
+    """`meet` for rays (n, 2), into ``out`` (n, 4)."""
+    for j in range(tangents.shape[0]):
+        out[j, 0], out[j, 1], out[j, 2], out[j, 3] = meet(body, tangents[j, 0], tangents[j, 1])
+
+
+@compiled
+def texture_at(body: F64, faces: NDArray[np.float32], x: float, y: float, depth: float) -> float:
+    """The texture at a place that `meet` has found, linear between the middles of its cells."""
+    px = body[9] + depth * (body[0] * x + body[1] * y + body[2])
+    py = body[10] + depth * (body[3] * x + body[4] * y + body[5])
+    pz = body[11] + depth * (body[6] * x + body[7] * y + body[8])
+    face, i, j, v, u = cell(faces.shape[1] - 2, px * body[18], py * body[19], pz * body[20])
+    top = (1.0 - u) * faces[face, i, j] + u * faces[face, i, j + 1]
+    return (1.0 - v) * top + v * ((1.0 - u) * faces[face, i + 1, j] + u * faces[face, i + 1, j + 1])
+
+
+@compiled
+def cell(n: int, x: float, y: float, z: float) -> tuple[int, int, int, float, float]:
+    """Where a direction is in a cube of n x n cells: face, row, column of a cell, how far on towards the next ones."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
         face, major, a, b = (0 if x >= 0.0 else 1), ax, y, z
@@ -81,13 +101,11 @@ def textured(faces: NDArray[np.float32], x: float, y: float, z: float) -> float:
         face, major, a, b = (2 if y >= 0.0 else 3), ay, x, z
     else:
         face, major, a, b = (4 if z >= 0.0 else 5), az, x, y
-    half = 0.5 * (faces.shape[1] - 2)
+    half = 0.5 * n
     scale = half / major
     u, v = a * scale + half + 0.5, b * scale + half + 0.5
     i, j = int(v), int(u)
-    v, u = v - i, u - j
-    top = (1.0 - u) * faces[face, i, j] + u * faces[face, i, j + 1]
-    return (1.0 - v) * top + v * ((1.0 - u) * faces[face, i + 1, j] + u * faces[face, i + 1, j + 1])
+    return face, i, j, v - i, u - j
 
 
 @compiled
@@ -113,37 +131,55 @@ def draw(
         last_column: likewise.
         out: (H, W), radiance.
     """
-    step = body[24]
+    step, law, exponent, bright = body[24], body[21], body[22], body[23]
     corner = 0.75 * step  # as far as the corners of a pixel are from its middle, and a little more
+    has_texture = faces.shape[1] > 3
+    met = np.empty((last_column - first_column, 4))
     for i in range(first_row, last_row):
+        meet_row(body, grid[i + 1, first_column + 1 : last_column + 1], met)
         for j in range(first_column, last_column):
-            x, y = grid[i + 1, j + 1, 0], grid[i + 1, j + 1, 1]
-            room, mu0, value = look(body, faces, x, y)
+            room, depth, mu0, mu = met[j - first_column]
             if not room > -corner - 0.13 * step * step:
                 continue
+            x, y = grid[i + 1, j + 1, 0], grid[i + 1, j + 1, 1]
+            covered = 1.0
             if room > 4.0 * step and mu0 * mu0 * room > step * step:
-                out[i, j] = value
-                continue
-            xu, yu = (
-                0.5 * (grid[i + 1, j + 2, 0] - grid[i + 1, j, 0]),
-                0.5 * (grid[i + 1, j + 2, 1] - grid[i + 1, j, 1]),
-            )
-            xv, yv = (
-                0.5 * (grid[i + 2, j + 1, 0] - grid[i, j + 1, 0]),
-                0.5 * (grid[i + 2, j + 1, 1] - grid[i, j + 1, 1]),
-            )
-            if room > corner:
-                total = 0.0
-                for n in range(RAYS):
-                    u, v = (n + 0.5) / RAYS - 0.5, ((n * _STEP) % RAYS + 0.5) / RAYS - 0.5
-                    total += look(body, faces, x + u * xu + v * xv, y + u * yu + v * yv)[2]
-                out[i, j] = total / RAYS
-                continue
-            if abs(_limb_slope(body, x, y, xu, yu)) >= abs(_limb_slope(body, x, y, xv, yv)):
-                covered, total = _cross_limb(body, faces, x, y, xu, yu, xv, yv)
+                light = reflected(law, exponent, mu0, mu)
             else:
-                covered, total = _cross_limb(body, faces, x, y, xv, yv, xu, yu)
-            out[i, j] = out[i, j] * (1.0 - covered) + total
+                xu, yu = (
+                    0.5 * (grid[i + 1, j + 2, 0] - grid[i + 1, j, 0]),
+                    0.5 * (grid[i + 1, j + 2, 1] - grid[i + 1, j, 1]),
+                )
+                xv, yv = (
+                    0.5 * (grid[i + 2, j + 1, 0] - grid[i, j + 1, 0]),
+                    0.5 * (grid[i + 2, j + 1, 1] - grid[i, j + 1, 1]),
+                )
+                if room > corner:
+                    light, x, y, depth = _smooth(body, x, y, xu, yu, xv, yv)
+                elif abs(_limb_terms(body, x, y, xu, yu)[1]) >= abs(_limb_terms(body, x, y, xv, yv)[1]):
+                    covered, light, x, y, depth = _cross_limb(body, x, y, xu, yu, xv, yv)
+                else:
+                    covered, light, x, y, depth = _cross_limb(body, x, y, xv, yv, xu, yu)
+            if has_texture and light > 0.0:
+                light *= texture_at(body, faces, x, y, depth)
+            out[i, j] = out[i, j] * (1.0 - covered) + bright * light
+
+
+@compiled
+def _smooth(
+    body: F64, x: float, y: float, xu: float, yu: float, xv: float, yv: float
+) -> tuple[float, float, float, float]:
+    """Light of a pixel within the limb, and tangents and depth of the place that it comes from on average."""
+    total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0
+    for k in range(RAYS):
+        u, v = (k + 0.5) / RAYS - 0.5, ((k * _STEP) % RAYS + 0.5) / RAYS - 0.5
+        rx, ry = x + u * xu + v * xv, y + u * yu + v * yv
+        _, depth, mu0, mu = meet(body, rx, ry)
+        light = reflected(body[21], body[22], mu0, mu) / RAYS
+        total, sx, sy, sd = total + light, sx + light * rx, sy + light * ry, sd + light * depth
+    if not total > 0.0:
+        return 0.0, x, y, 0.0
+    return total, sx / total, sy / total, sd / total
 
 
 @compiled
@@ -167,20 +203,15 @@ def _limb_terms(body: F64, x: float, y: float, dx: float, dy: float) -> tuple[fl
 
 
 @compiled
-def _limb_slope(body: F64, x: float, y: float, dx: float, dy: float) -> float:
-    return _limb_terms(body, x, y, dx, dy)[1]
-
-
-@compiled
 def _cross_limb(
-    body: F64, faces: NDArray[np.float32], x: float, y: float, dx: float, dy: float, ex: float, ey: float
-) -> tuple[float, float]:
-    """Part of a pixel that a body covers, and the radiance of that part times its size.
+    body: F64, x: float, y: float, dx: float, dy: float, ex: float, ey: float
+) -> tuple[float, float, float, float, float]:
+    """Part of a pixel that a body covers, light of that part times its size, and where it comes from as in `_smooth`.
 
     Along each of a few lines (d, across the limb; e leads from line to line) the limb is found exactly, and the rays
     lie closer together towards it, where the radiance grows as the square root of the distance.
     """
-    covered, total = 0.0, 0.0
+    covered, total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(LINES):
         v = (n + 0.5) / LINES - 0.5
         px, py = x + v * ex, y + v * ey
@@ -204,14 +235,16 @@ def _cross_limb(
             if high <= low:
                 continue
             edge, far = (high, low) if high < 0.5 else (low, high)
-        length, light = far - edge, 0.0
+        covered += (high - low) / LINES
         for k in range(_NODES.shape[0]):
-            s = _NODES[k]
-            u = edge + length * s * s
-            light += 2.0 * s * _WEIGHTS[k] * look(body, faces, px + u * dx, py + u * dy)[2]
-        covered += high - low
-        total += (high - low) * light
-    return covered / LINES, total / LINES
+            u = edge + (far - edge) * _NODES[k] * _NODES[k]
+            rx, ry = px + u * dx, py + u * dy
+            _, depth, mu0, mu = meet(body, rx, ry)
+            light = 2.0 * _NODES[k] * _WEIGHTS[k] * (high - low) / LINES * reflected(body[21], body[22], mu0, mu)
+            total, sx, sy, sd = total + light, sx + light * rx, sy + light * ry, sd + light * depth
+    if not total > 0.0:
+        return covered, 0.0, x, y, 0.0
+    return covered, total, sx / total, sy / total, sd / total
 
 
 @compiled
@@ -222,8 +255,11 @@ def add_point(
     for n in range(places.shape[0]):
         j, i = math.floor(places[n, 0] + 0.5), math.floor(places[n, 1] + 0.5)
         if 0 <= i < out.shape[0] and 0 <= j < out.shape[1]:
-            _, _, value = look(body, faces, tangents[n, 0], tangents[n, 1])
-            out[i, j] += area[n] * value
+            x, y = tangents[n, 0], tangents[n, 1]
+            room, depth, mu0, mu = meet(body, x, y)
+            if room > 0.0:
+                light = area[n] * body[23] * reflected(body[21], body[22], mu0, mu)
+                out[i, j] += light * (texture_at(body, faces, x, y, depth) if faces.shape[1] > 3 else 1.0)
 
 
 @compiled

@@ -216,21 +216,23 @@ def test_spots_of_a_texture_are_where_they_belong(criterion: Criterion, place_de
 
 def test_cube_has_no_seam() -> None:
     """A smooth field on the sphere comes back in every direction, edges and corners of the faces among them."""
-    from sim.camera.disk_camera.kernel import textured
+    from sim.camera.disk_camera.kernel import BODY_SIZE, texture_at
 
     rows = 512
     lat = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
     lon = np.pi * ((np.arange(2 * rows) + 0.5) / rows - 1.0)[None, :]
     levels = cubes(1.0 + 0.3 * np.sin(lat) + 0.2 * np.cos(lat) * np.cos(lon - 0.5))
     assert [c.shape[1] - 2 for c in levels] == [256, 128, 64, 32, 16, 8]
+    body = np.zeros(BODY_SIZE)  # a unit sphere around the camera: x, y, 1 times the depth is the direction
+    body[[0, 4, 8, 18, 19, 20]] = 1.0
     rng = np.random.default_rng(1)
     directions = rng.normal(size=(500, 3))
     directions[:100, 1] = directions[:100, 0] * (1.0 + rng.choice([-1e-9, 1e-9], 100))
     directions[100:110] = np.sign(directions[100:110])
     for x, y, z in (directions / np.linalg.norm(directions, axis=1)[:, None]).tolist():
         expected = 1.0 + 0.3 * z + 0.2 * (x * math.cos(0.5) + y * math.sin(0.5))
-        assert plain(textured)(levels[0], x, y, z) == pytest.approx(expected, abs=2e-4)
-        assert plain(textured)(levels[3], x, y, z) == pytest.approx(expected, abs=8e-3)
+        assert plain(texture_at)(body, levels[0], x / z, y / z, z) == pytest.approx(expected, abs=2e-4)
+        assert plain(texture_at)(body, levels[3], x / z, y / z, z) == pytest.approx(expected, abs=8e-3)
 
 
 def test_invented_texture() -> None:
