@@ -51,12 +51,16 @@ def split(stream: U64, out: U64) -> None:
 
 
 @compiled
-def poisson(stream: U64, mean: float) -> float:
+def poisson(draw: float, mean: float) -> float:
     """A whole number from the Poisson distribution, by inversion; exact, for means of up to 30.
+
+    Args:
+        draw: a number drawn evenly from [0, 1).
+        mean: of the distribution.
 
     Source: Devroye (1986), "Non-uniform random variate generation", sec. X.3.2.
     """
-    left, chance, count = uniform(stream), math.exp(-mean), 0
+    left, chance, count = draw, math.exp(-mean), 0
     while left >= chance and count < 199:  # rounding can leave a rest that no count takes
         left -= chance
         count += 1
@@ -72,9 +76,9 @@ def cosmic_rays(stream: U64, rays: float, signal: float, channels: int, out: NDA
     tan(incidence) pixels, 30 at most; the electrons of a pixel are exponentially distributed with the mean ``signal``.
     """
     rows, columns = out.shape[0], out.shape[1] // channels
-    count = poisson(stream, rays % EXACT_BELOW)
+    count = poisson(uniform(stream), rays % EXACT_BELOW)
     for _ in range(int(rays // EXACT_BELOW)):
-        count += poisson(stream, EXACT_BELOW)
+        count += poisson(uniform(stream), EXACT_BELOW)
     for _ in range(int(count)):
         x, y = uniform(stream) * columns, uniform(stream) * rows
         angle = 2.0 * math.pi * uniform(stream)
@@ -134,7 +138,7 @@ def expose_band(
             charge, deviation = mean, read
             if shot and mean > 0.0:
                 if mean < EXACT_BELOW:
-                    charge = poisson(stream, mean)
+                    charge = poisson(uniform(stream), mean)
                 elif mean + 8.0 * spread < well:  # far from the full well, one draw stands for both noises
                     deviation = math.sqrt(mean + read2)
                 elif mean - 8.0 * spread < well:
