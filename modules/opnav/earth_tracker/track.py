@@ -1,0 +1,224 @@
+"""From an expected pose to landmarks with covariances: which search comes when, and what passes the gates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.math.resection import Resection, fit_pose, pose_derivatives
+from messages.base import F64
+from modules.opnav.earth_tracker.cold import cold_start
+from modules.opnav.earth_tracker.match import ZOOM, Candidates, Fine, Look, Stopwatch
+from modules.opnav.landmark_catalogue import Catalogue
+from modules.opnav.landmark_finder.render import scaled_lens
+from modules.opnav.landmark_finder.search import Pose, reach_px
+
+COARSE = 4
+"""The coarse search works on pixels this many times as large."""
+FINE_REACH_PX = 24
+"""Errors of the expected pose beyond this take a coarse search first."""
+COARSE_REACH_PX = 400
+"""Beyond this, features are used that need no expectation."""
+AFTER_PX = 12
+"""Half-width of the search after another one has found the pose."""
+LAST_PX = 5
+"""Half-width of the search of the last pass."""
+CONSENSUS_PX = 3.0
+MIN_AGREE = 12
+"""Fewest matches that agree."""
+MIN_AGREE_COARSE = 8
+MIN_SHARE = 0.4
+"""Least share of the matches of the last pass that agree."""
+MIN_MIDDLE = 0.35
+"""Least correlation of the middle of a match: a place under cloud may match by its surroundings."""
+FLOOR_PX = 0.03
+"""Standard deviation of what interpolation and quantisation leave, added to every match."""
+GATE2 = 9.21
+"""Squared length of a residual over its covariance that a right match exceeds once in a hundred."""
+SETTLED_PX = 1.0
+MAX_MOVED_PX = 2.0 * LAST_PX
+CV: Any = cv2
+
+
+class Params(NamedTuple):
+    """What a person may set; see the spec."""
+
+    most: int = 120
+    min_score: float = 0.3
+    min_lead: float = 0.05
+    sigma_map: float = 0.0
+
+
+class Tracked(NamedTuple):
+    """Landmarks that passed; n of them."""
+
+    found: Candidates
+    r_LE_E: F64
+    """(n, 3) [m]."""
+    P_px: F64
+    """(n, 2, 2) covariance [px^2]."""
+    candidates: int
+    """Matches before the consensus."""
+    fit: Resection
+    """The pose that they fix."""
+
+
+class Tracker:
+    """A search in one image."""
+
+    def __init__(self, catalogue: Catalogue, lens: F64, photo: NDArray[np.uint8], params: Params) -> None:
+        """Prepare.
+
+        Args:
+            catalogue: landmarks.
+            lens: lens vector (11,).
+            photo: grey (rows, columns).
+            params: see `Params`.
+        """
+        self.catalogue, self.lens, self.photo, self.params = catalogue, lens, photo, params
+        self.shape = photo.shape[0], photo.shape[1]
+        self.watch = Stopwatch()
+        self._looks: dict[int, Look] = {}
+
+    def run(self, start: Pose, P_pose: F64) -> Tracked | None:
+        """Landmarks, from an expected pose and its covariance (6, 6); None if not sure.
+
+        The narrowest search that covers 3 sigma comes first; then the wider ones, for a prior may be worse than it
+        says.
+        """
+        reach = reach_px(self.lens, self.shape, start, P_pose)
+        ways: list[Callable[[], Pose | None]] = []
+        if reach <= FINE_REACH_PX:
+            ways.append(lambda: self._step(start, 1, max(8, int(np.ceil(reach)))))
+        if reach <= COARSE_REACH_PX:
+            wide = max(int(np.ceil(reach)), 4 * FINE_REACH_PX)
+            ways.append(lambda: self._step(start, COARSE, wide))
+        ways.append(lambda: self._cold(start, P_pose))
+        for number, way in enumerate(ways):
+            pose = way()
+            if pose is not None and not (number == 0 and reach <= FINE_REACH_PX):
+                pose = self._step(pose, 1, AFTER_PX)
+            tracked = None if pose is None else self._last(pose)
+            if tracked is not None:
+                return tracked
+        return None
+
+    def _cold(self, start: Pose, P_pose: F64) -> Pose | None:
+        self.watch.start()
+        pose = cold_start(self.catalogue, self.lens, self.photo, start, P_pose)
+        self.watch.stop("cold start")
+        return None if pose is None else self._step(pose, COARSE, 60) or self._step(pose, 1, 2 * AFTER_PX)
+
+    def _scale(self, pose: Pose) -> int:
+        """How much smaller the image must be for the finest chips to be fine enough."""
+        seen = self.catalogue.in_view(self.lens, self.shape, pose.r_CE_E, pose.dcm_CE, 0.0)
+        finest = seen.zoom[self.catalogue.landmarks.gsd[seen.index] < 1.5 * self.catalogue.gsd]
+        scale = 1
+        while len(finest) and scale < 64 and float(np.median(finest)) / scale >= ZOOM[1]:
+            scale *= 2
+        return scale
+
+    def _look(self, scale: int) -> Look:
+        if scale not in self._looks:
+            rows, columns = (n // scale for n in self.shape)
+            small = self.photo[: rows * scale, : columns * scale]
+            if scale > 1:
+                small = CV.resize(small, (columns, rows), interpolation=cv2.INTER_AREA)
+            self._looks[scale] = Look(self.catalogue, scaled_lens(self.lens, scale), small, self.watch)
+        return self._looks[scale]
+
+    def _step(self, pose: Pose, coarse: int, window_px: int) -> Pose | None:
+        """A better pose from a search within ``window_px`` pixels of the image."""
+        scale = self._scale(pose) * coarse
+        look = self._look(scale)
+        window = max(4, -(-window_px // scale))
+        found, _ = look.candidates(look.templates(pose, self.params.most), window, self._scores)
+        agree = look.agreeing(found, CONSENSUS_PX if coarse == 1 else 2.0)
+        if agree.sum() < (MIN_AGREE if coarse == 1 else MIN_AGREE_COARSE):
+            return None
+        fit = self._fit(look, found.pick(agree), np.ones(int(agree.sum())), pose)
+        return None if fit is None else Pose(fit.r_CE_E, fit.dcm_CE)
+
+    @property
+    def _scores(self) -> tuple[float, float]:
+        return self.params.min_score, self.params.min_lead
+
+    def _fit(self, look: Look, found: Candidates, sigma: F64, pose: Pose) -> Resection | None:
+        look.watch.start()
+        places = self.catalogue.landmarks.r_LE_E[found.index]
+        fit = fit_pose(look.lens, places, found.seen, sigma, pose.r_CE_E, pose.dcm_CE)
+        look.watch.stop("pose")
+        return fit
+
+    def _last(self, pose: Pose) -> Tracked | None:
+        """Passes with a narrow window and fine matching, until the pose stands still; then the gates."""
+        for _ in range(3):
+            scale = self._scale(pose)
+            look = self._look(scale)
+            templates = look.templates(pose, self.params.most)
+            found, which = look.candidates(templates, LAST_PX, self._scores)
+            total = len(found.seen)
+            agree = np.flatnonzero(look.agreeing(found, CONSENSUS_PX))
+            if len(agree) < max(MIN_AGREE, MIN_SHARE * total):
+                return None
+            fine = look.refine(templates, found.pick(agree), which[agree])
+            tracked = self._gate(look, fine, total, pose)
+            if tracked is None:
+                return None
+            moved = self._moved(look, pose, tracked)
+            if moved < SETTLED_PX:
+                return self._full_size(tracked, scale)
+            pose = Pose(tracked.fit.r_CE_E, tracked.fit.dcm_CE)
+        return None
+
+    def _gate(self, look: Look, fine: Fine, total: int, pose: Pose) -> Tracked | None:
+        """Drop what is uncertain or under cloud, and what disagrees with the pose beyond its covariance."""
+        marks = self.catalogue.landmarks
+        size = np.sqrt(look.lens[0] * look.lens[1])
+        away = np.linalg.norm(marks.r_LE_E[fine.found.index] - pose.r_CE_E, axis=1)
+        extra = FLOOR_PX**2 + (self.params.sigma_map * size / away) ** 2
+        P_px = fine.P_px + extra[:, None, None] * np.eye(2)
+        sigma = np.sqrt(0.5 * np.trace(P_px, axis1=1, axis2=2))
+        keep = np.flatnonzero((fine.middle >= MIN_MIDDLE) & (sigma <= 1.0))
+        grow, fit = 1.0, None
+        for _ in range(3):
+            if len(keep) < MIN_AGREE:
+                return None
+            fit = self._fit(look, fine.found.pick(keep), sigma[keep], pose)
+            if fit is None:
+                return None
+            error2 = np.einsum("ni,nij,nj->n", fit.residual_px, np.linalg.inv(P_px[keep]), fit.residual_px)
+            # Half of all squared lengths lie below 1.39 if the covariances are right; what is above is theirs to carry
+            grow = max(1.0, float(np.median(error2)) / 1.386 * len(keep) / (len(keep) - 3.0))
+            inside = error2 <= GATE2 * grow
+            if inside.all():
+                break
+            keep = keep[inside]
+        if fit is None or len(keep) < max(MIN_AGREE, 0.5 * MIN_SHARE * total) or len(keep) != len(fit.inlier):
+            return None
+        return Tracked(fine.found.pick(keep), marks.r_LE_E[fine.found.index[keep]], grow * P_px[keep], total, fit)
+
+    @staticmethod
+    def _moved(look: Look, before: Pose, tracked: Tracked) -> float:
+        """How far the prediction of the landmarks moved with the fit (median) [px]."""
+        n = len(tracked.r_LE_E)
+        pixel, slopes = np.empty((n, 2)), np.empty((n, 2, 6))
+        pose_derivatives(look.lens, tracked.r_LE_E, before.r_CE_E, before.dcm_CE, pixel, slopes)
+        after = tracked.found.seen - tracked.fit.residual_px
+        return float(np.median(np.linalg.norm(after - pixel, axis=1)))
+
+    @staticmethod
+    def _full_size(tracked: Tracked, scale: int) -> Tracked:
+        """The same in pixels of the image."""
+        if scale == 1:
+            return tracked
+        found = tracked.found
+        found = found._replace(
+            seen=(found.seen + 0.5) * scale - 0.5, predicted=(found.predicted + 0.5) * scale - 0.5
+        )
+        fit = tracked.fit._replace(residual_px=tracked.fit.residual_px * scale)
+        return tracked._replace(found=found, P_px=tracked.P_px * scale**2, fit=fit)
