@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from modules.opnav.disks.coarse import Light, lit
-from modules.opnav.disks.ellipse import Ellipse
+from modules.opnav.disks.ellipse import Ellipse, azimuths
 from modules.opnav.disks.grey import F32
 
 CV: Any = cv2
@@ -31,7 +31,7 @@ def surroundings(smooth: F32, e: Ellipse, black: float, light: Light, arc: float
         arc: length of the limb that was seen [rad].
     """
     rows, columns = smooth.shape
-    theta = np.arange(RAYS) * (2.0 * math.pi / RAYS)
+    theta = azimuths(RAYS)
     reach, nx, ny = e.at(theta)
     beyond = np.linspace(3.0, max(7.0, min(0.12 * e.radius, 25.0)), 7)
     rim = -np.minimum(np.array([2.0, 4.0, 0.1 * e.radius, 0.2 * e.radius]), 0.25 * e.radius)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from messages.base import F64
-from modules.opnav.disks.ellipse import Ellipse, fit
+from modules.opnav.disks.ellipse import Ellipse, azimuths, fit
 from modules.opnav.disks.grey import F32
 
 CV: Any = cv2
@@ -45,7 +45,7 @@ def rays(smooth: F32, ellipse: Ellipse, window: float, least: float) -> Rays:
     """
     rows, columns = smooth.shape
     count = int(min(max(2.0 * math.pi * ellipse.radius, 72), MAX_RAYS))
-    theta = np.arange(count) * (2.0 * math.pi / count)
+    theta = azimuths(count)
     reach, nx, ny = ellipse.at(theta)
     x0, y0 = ellipse.x + reach * np.cos(theta), ellipse.y + reach * np.sin(theta)
     margin = 3.0

@@ -69,6 +69,11 @@ class Ellipse(NamedTuple):
         return reach, nx, ny
 
 
+def azimuths(count: int) -> F64:
+    """(count,) azimuths evenly over a full turn, from zero [rad]."""
+    return np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+
+
 def rows_of(ellipse: Ellipse, x: F64, y: F64, oval: bool) -> F64:
     """Derivatives (n, 3 or 5) of the distance's negative after the parameters."""
     _, nx, ny = ellipse.distance(x, y)
@@ -85,7 +90,7 @@ def solve(rows: F64, weight: F64, target: F64) -> F64:
     scaled = rows / size
     left = (scaled * weight[:, None]).T @ scaled
     left[np.diag_indices(len(size))] += 1e-12 * np.trace(left)
-    return np.linalg.solve(left, scaled.T @ (weight * target)) / size
+    return np.asarray(np.linalg.solve(left, scaled.T @ (weight * target)) / size, float)
 
 
 def fit(

@@ -47,7 +47,7 @@ def to_grey(image: NDArray[Any]) -> Grey:
         raise ValueError(f"image: {columns} x {rows} pixels are too few; at least {MIN_SIDE} x {MIN_SIDE} are needed")
     if rows * columns > MAX_PIXELS:
         raise ValueError(f"image: {columns} x {rows} pixels are too many; crop or reduce it below {MAX_PIXELS} pixels")
-    if image.dtype not in (np.uint8, np.uint16) and not np.issubdtype(image.dtype, np.floating):
+    if image.dtype.name not in ("uint8", "uint16") and not np.issubdtype(image.dtype, np.floating):
         raise ValueError(f"image: expected 8 or 16 bit unsigned or floating point values, got {image.dtype}")
     floating = np.issubdtype(image.dtype, np.floating)
     values = image.astype(np.float32)

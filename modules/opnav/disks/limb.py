@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from messages.base import F64
-from modules.opnav.disks.ellipse import Ellipse
+from modules.opnav.disks.ellipse import Ellipse, azimuths
 from modules.opnav.disks.grey import F32
 
 OUTSIDE_PX = 6.0
@@ -169,7 +169,7 @@ def _fit_shapes(band: Band, radius: float, blur: float, shift: F64, weight: F64,
     square = np.bincount(band.sector, weight * residual**2, m) / count
     rough = np.sqrt(np.maximum(square, noise**2))
     return Shapes(
-        part,
+        np.asarray(part, float),
         shift,
         blur,
         float((weight * residual**2).sum()),
@@ -269,7 +269,7 @@ def _cells(band: Band, e: Ellipse, shapes: Shapes, weight: F64) -> Limb:
     sigma = shapes.noise[owner] * np.sqrt(np.maximum(np.linalg.inv(a)[:, 2, 2], 0.0))
     s, _ = _shape(np.array([-1.5, 1.5]), shapes.blur, e.radius)
     step = gain * (shapes.part[owner, 1:] @ (s[:, 0] - s[:, 1]))
-    theta = (np.arange(n) + 0.5) * (2.0 * math.pi / n)
+    theta = azimuths(n) + math.pi / n
     reach, nx, ny = e.at(theta)
     pixels = np.bincount(band.cell, weight, n)
     slack = np.sqrt(np.maximum(shapes.spread**2 - shapes.alone**2, 0.0))

@@ -78,10 +78,10 @@ def covariance(e: Ellipse, limb: Limb, keep: NDArray[np.bool_], sigma: F64, scal
     """
     rows = rows_of(e, limb.x[keep], limb.y[keep], oval)
     weighted = rows / sigma[keep, None] ** 2
-    left = weighted.T @ rows
+    information = weighted.T @ rows
     if oval:
-        left[[3, 4], [3, 4]] += PRIOR_OVAL**-2
-    left = np.linalg.inv(left + 1e-12 * np.trace(left) * np.eye(len(left)))
+        information[[3, 4], [3, 4]] += PRIOR_OVAL**-2
+    left: F64 = np.asarray(np.linalg.inv(information + 1e-12 * np.trace(information) * np.eye(len(information))), float)
     P = left * max(scale, 1.0) ** 2 * correlation(e.distance(limb.x[keep], limb.y[keep])[0] / sigma[keep])
     for s in np.unique(limb.sector[keep]):
         pull = left @ weighted[limb.sector[keep] == s].sum(axis=0)

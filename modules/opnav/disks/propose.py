@@ -112,9 +112,9 @@ def _circles(edges: Edges, least: float, most: float) -> list[Proposal]:
     """Best circles of each chain and of all together."""
     rng = np.random.default_rng(1)
     n = len(edges.chain)
-    starts = np.searchsorted(edges.chain, np.arange(edges.chain[-1] + 2))
+    ends = np.cumsum(np.bincount(edges.chain)).tolist()
     everything = rng.permutation(n)[:SAMPLE]
-    sets = [(np.arange(a, b), PAIRS) for a, b in itertools.pairwise(starts)]
+    sets = [(np.arange(a, b), PAIRS) for a, b in itertools.pairwise([0, *ends])]
     if len(sets) > 1:
         sets.append((everything, 8 * PAIRS))
     best: list[Proposal] = []
@@ -123,10 +123,14 @@ def _circles(edges: Edges, least: float, most: float) -> list[Proposal]:
         made = _from_pairs(edges, members[rng.integers(0, len(members), (pairs, 2))], least, most)
         votes = _agree(edges, part, made, 0.03).sum(axis=1)
         order = np.argsort(-votes, kind="stable")[:40]
-        best += _distinct([Proposal(*made[k], int(votes[k])) for k in order], KEPT)
+        best += _distinct([_proposal(made[k], int(votes[k])) for k in order], KEPT)
     made = np.array([p[:3] for p in best]).reshape(-1, 3)
     refined, votes = _refined(edges, everything, made, least, most)
-    return [Proposal(*c, round(int(v) * n / len(everything))) for c, v in zip(refined.tolist(), votes, strict=True)]
+    return [_proposal(c, round(int(v) * n / len(everything))) for c, v in zip(refined, votes, strict=True)]
+
+
+def _proposal(circle: F64, votes: int) -> Proposal:
+    return Proposal(float(circle[0]), float(circle[1]), float(circle[2]), votes)
 
 
 def _from_pairs(edges: Edges, pairs: NDArray[np.int64], least: float, most: float) -> F64:

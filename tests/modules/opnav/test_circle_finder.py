@@ -199,7 +199,7 @@ def test_several_bodies_and_kinds_of_image() -> None:
     """Three moons; the same in 16 bit, in colour, and with alpha."""
     rng = np.random.default_rng(7)
     truth = [(120.4, 130.2, 60.0), (380.6, 300.3, 90.0), (330.2, 90.7, 24.0)]
-    light = sum(scenes.lit_disk((450, 520), t[:2], t[2], 50.0, 30.0, "lunar") for t in truth)
+    light = np.sum([scenes.lit_disk((450, 520), t[:2], t[2], 50.0, 30.0, "lunar") for t in truth], axis=0)
     image = scenes.exposed(light, rng)
     wide = scenes.exposed(light, rng, level=40000.0, sky=900.0, noise=300.0, shot=2.0, bits=16)
     colour = np.repeat(image[..., None], 4, axis=2)

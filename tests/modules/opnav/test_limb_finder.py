@@ -109,7 +109,7 @@ def test_points_are_even_and_limited() -> None:
         found = look(image, max_points=most)
         assert 0.9 * most < found.count <= most
         x, y = (found.limb_px[: found.count] - (524.2, 521.7)).T
-        gaps = np.diff(np.sort(np.arctan2(y, x)))
+        gaps: F64 = np.diff(np.sort(np.arctan2(y, x))).astype(float)
         assert gaps.max() < 6 * 2 * math.pi / most
         assert np.median(gaps) == pytest.approx(2 * math.pi / most, rel=0.1)
 
