@@ -10,14 +10,18 @@ from fsw.math.compiled import compiled
 from fsw.math.geodesy import A, ecef_from_geodetic, ray_to_spheroid
 from fsw.math.vectors import V3
 from messages.base import F64
-from sim.camera.earth_camera.kernel import F32, U8
+from sim.camera.earth_camera.kernel import F32, SCALE_HEIGHT, U8
 
 LATTICE = 64
 """Random numbers in each direction; a power of two, so that they repeat by masking."""
-LONGEST = 900e3
+LONGEST = 500e3
 """Wavelength of the coarsest noise [m]."""
 OCTAVES = 11
-SOFT = 0.14
+KEPT = 0.62
+"""Strength of each octave, of the one before."""
+SPREAD = 0.092
+"""Standard deviation of the noise."""
+SOFT = 0.1
 """Noise from clear sky to thick cloud."""
 BRIGHTNESS = 0.8
 """Reflectance of a thick cloud."""
@@ -34,7 +38,7 @@ def threshold(cover: float) -> float:
     """Level of the noise above which there is cloud, for a part of the sky; the noise is nearly normal."""
     from scipy.stats import norm
 
-    return float(0.5 - 0.104 * norm.ppf(min(max(cover, 1e-6), 1.0 - 1e-6)) - 0.5 * SOFT)
+    return float(0.5 - SPREAD * norm.ppf(min(max(cover, 1e-6), 1.0 - 1e-6)) - 0.5 * SOFT)
 
 
 @compiled
@@ -67,7 +71,7 @@ def density(lattice: F32, r: V3, least: float, size: float) -> float:
         least: as of `threshold`.
         size: of a pixel there [m]; shorter waves are left out.
     """
-    total, weight, wave = 0.0, 0.5, LONGEST
+    total, weight, wave = 0.0, 1.0 - KEPT, LONGEST
     bend = noise(lattice, r[2] / 500e3 + 7.3, r[0] / 500e3, r[1] / 500e3) - 0.5
     x, y, z = r[0] + 250e3 * bend, r[1] - 250e3 * bend, r[2] + 120e3 * bend
     left = 1.0
@@ -77,8 +81,8 @@ def density(lattice: F32, r: V3, least: float, size: float) -> float:
         shift = 17.17 * k
         total += weight * noise(lattice, x / wave + shift, y / wave - shift, z / wave + 0.5 * shift)
         left -= weight
-        weight *= 0.5
-        wave *= 0.47
+        weight *= KEPT
+        wave *= 0.45
     thick = (total + 0.5 * left - least) / SOFT
     return _ease(min(max(thick, 0.0), 1.0))
 
@@ -86,7 +90,7 @@ def density(lattice: F32, r: V3, least: float, size: float) -> float:
 @compiled
 def cloud_band(
     x_tan: F64, y_tan: F64, first: int, r_E: F64, dcm_CE: F64, sun_E: F64, lat: F64, lon: F64,
-    lattice: F32, least: float, height: float, focal: float, image: F32, want: U8,
+    lattice: F32, least: float, height: float, focal: float, image: F32, mass: F32, want: U8,
 ) -> None:  # fmt: skip
     """Put clouds, and their shadows on the ground, over the reflectance of a band.
 
@@ -104,8 +108,10 @@ def cloud_band(
         height: of the clouds [m].
         focal: length [px].
         image: in and out, reflectance (rows, columns, 3).
+        mass: in and out, air masses; there is less air above a cloud.
         want: pixels that are 1 have no map; what is seen of them is no ground.
     """
+    below = 1.0 - math.exp(-height / SCALE_HEIGHT)
     for i in range(x_tan.shape[0]):
         k = min(first + i, r_E.shape[0] - 1)
         r = (r_E[k, 0], r_E[k, 1], r_E[k, 2])
@@ -132,5 +138,6 @@ def cloud_band(
                     t = height / up
                     there = (ground[0] + t * sun_E[0], ground[1] + t * sun_E[1], ground[2] + t * sun_E[2])
                     dark = SHADE * density(lattice, there, least, size)
+            mass[i, j] *= 1.0 - cover * below
             for c in range(3):
                 image[i, j, c] = (1.0 - cover) * (1.0 - dark) * image[i, j, c] + cover * BRIGHTNESS

@@ -255,7 +255,7 @@ class EarthRenderer:
             p, focal = self.params, float(np.sqrt(np.prod(self.camera.focal_px)))
             cloud_band(
                 x, y, top, pose.r_CE_E, pose.dcm_CE, sun, ground.lat, ground.lon, self._lattice,
-                threshold(p.clouds), p.cloud_height, focal, picture, want,
+                threshold(p.clouds), p.cloud_height, focal, picture, ground.mass, want,
             )  # fmt: skip
         p = self.params
         shade_band(picture, ground.light, ground.mass, ground.path, self._depth, p.brightness, here)

@@ -99,7 +99,11 @@ class EarthImages:
 
 
 def build(
-    scene: Scene | None = None, effect: Effect | None = None, size_px: int = 1024, seed: int = 1, maps: GeoMap | None = None
+    scene: Scene | None = None,
+    effect: Effect | None = None,
+    size_px: int = 1024,
+    seed: int = 1,
+    maps: GeoMap | None = None,
 ) -> EarthImages:
     """Make and connect the modules of one picture.
 

@@ -40,7 +40,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     own.add_argument(
         "--map", type=Path, action="append", metavar="FILE",
-        help="georeferenced raster (GeoTIFF, COG, JPEG 2000, ...); repeat it, fine to coarse; the globe at 3.7 km follows",
+        help="georeferenced raster (GeoTIFF, COG, JPEG 2000, ...); repeat it, fine to coarse; the globe follows",
     )  # fmt: skip
     own.add_argument("--dem", type=Path, metavar="FILE", help="heights in m, a georeferenced raster, north-up")
     own.add_argument("--lat", type=float, metavar="DEG", help="latitude in the middle of the picture")

@@ -34,6 +34,7 @@ class Scene:
         off_deg: angle at the camera between its axis and the vertical.
         azimuth_deg: direction on the ground, from north to east, towards which it looks.
         brightness: as of the camera's parameters: how long it exposes.
+        cloud_seed: which clouds; chosen so that some are in view.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Scene:
     off_deg: float = 0.0
     azimuth_deg: float = 0.0
     brightness: float = 1.7
+    cloud_seed: int = 4
 
 
 SCENES = {
@@ -59,11 +61,12 @@ SCENES = {
     ),
     "cairo": Scene(
         "cairo", "Cairo and the pyramids", (DATA / "earth" / "blue_marble_z8_cairo.tif", GLOBE), HEIGHTS,
-        29.7, 31.6, 420.0, 1000.0, 4200.0, (29.98, 31.13), "2023-06-21T08:30:00Z", brightness=1.2,
+        29.7, 31.6, 420.0, 1000.0, 4200.0, (29.98, 31.13), "2023-06-21T08:30:00Z", brightness=1.2, cloud_seed=6,
     ),
     "itaipu": Scene(
         "itaipu", "Itaipu, Landsat 8", (DATA / "landsat" / "landsat8_itaipu_20200518_rgb.tif", GLOBE), HEIGHTS,
-        -25.36, -54.55, 500.0, 9500.0, 17000.0, (-25.408, -54.589), "2020-05-18T13:30:00Z", brightness=2.6,
+        -25.36, -54.55, 500.0, 9500.0, 17000.0, (-25.408, -54.589), "2020-05-18T13:30:00Z",
+        brightness=2.6, cloud_seed=6,
     ),
 }  # fmt: skip
 
@@ -84,9 +87,9 @@ class Effect:
 
     name: str
     title: str
-    params: dict[str, Any] = field(default_factory=lambda: {})
-    lens: dict[str, Any] = field(default_factory=lambda: {})
-    change: dict[str, Any] = field(default_factory=lambda: {})
+    params: dict[str, Any] = field(default_factory=dict)
+    lens: dict[str, Any] = field(default_factory=dict)
+    change: dict[str, Any] = field(default_factory=dict)
     omega_B: F64 = field(default_factory=lambda: np.zeros(3))
     terrain: bool = False
 
@@ -107,21 +110,25 @@ TURN = np.array([0.1, 0.05, 0.35])
 
 def effects(scene: Scene) -> list[Effect]:
     """The pictures of a scene, in the order of their names."""
-    wide = {"focal_px": 420.0, "off_deg": 66.0, "azimuth_deg": 20.0, "height_km": 420.0}
+    wide = {"focal_px": 420.0, "off_deg": 62.0, "azimuth_deg": 20.0, "height_km": 420.0}
+    aside = {"off_deg": 45.0, "azimuth_deg": 150.0}
     lat, lon = scene.zoom_deg
     near = {"focal_px": scene.zoom_px, "lat_deg": lat, "lon_deg": lon, "off_deg": 0.0}
+    clouds: dict[str, Any] = {"clouds": 0.4, "cloud_seed": scene.cloud_seed}
     slow = np.array([1100.0 / scene.focal_px, 1100.0 / scene.focal_px, 1.0]) * TURN
     return [
         Effect("01_map", "map only", {**BARE, "sunlight": False, "brightness": 1.0}),
         Effect("02_sunlight", "sunlight", BARE),
         Effect("03_haze", "haze"),
-        Effect("04_clouds", "clouds and their shadows", {"clouds": 0.3, "cloud_seed": 4}),
-        Effect("05_terrain", "terrain, 45 degrees off", BARE, change={"off_deg": 45.0, "azimuth_deg": 150.0}, terrain=True),
+        Effect("04_clouds", "clouds and their shadows", clouds),
+        Effect(
+            "05_terrain", "terrain, 45 degrees off", BARE, change={"off_deg": 45.0, "azimuth_deg": 150.0}, terrain=True
+        ),
         Effect("06_lens", "distortion and colour fringes", lens=_worse(scene)),
         Effect("07_shutter", "rolling shutter and smear", SHAKE, omega_B=slow),
         Effect("08_detector", "detector: blur, noise, defects", NOISE),
-        Effect("09_all", "everything", {**NOISE, **SHAKE, "clouds": 0.3, "cloud_seed": 4}, _worse(scene), {}, slow, terrain=True),
-        Effect("10_limb", "limb, and stars 30,000 times brighter", {"star_gain": 3e4}, change=wide),
+        Effect("09_all", "all but terrain", {**NOISE, **SHAKE, **clouds, "smear_time": 0.006}, _worse(scene), {}, slow),
+        Effect("10_limb", "limb, and stars a million times brighter", {"star_gain": 1e6}, change=wide),
         Effect("11_zoom", "zoom", change=near),
     ]
 
