@@ -87,7 +87,8 @@ def epoch(text: str, scale: Scale = "utc") -> int:
         TAI nanoseconds since 2000-01-01T12:00:00 TAI.
 
     Raises:
-        ValueError: if the text is no date or time, or names a leap second that was not, or UTC is not known then.
+        ValueError: if the text is no date or time, or names a leap second that was not, or UTC is not known then, or
+            the year is not from 1709 to 2291.
     """
     where = f"epoch({text!r}, {scale!r})"
     if scale not in ("utc", "tai", "tt"):
@@ -109,6 +110,10 @@ def epoch(text: str, scale: Scale = "utc") -> int:
         raise ValueError(f"{where}: expected a time from 00:00:00 to 23:59:59, got {hour:02}:{minute:02}:{second:02}")
     fraction = int((found[7] or "").ljust(9, "0"))
     clock = ((hour * 60 + minute) * 60 + second) * SECOND + fraction
+    if not 1709 <= day.year <= 2291:
+        raise ValueError(
+            f"{where}: expected a year from 1709 to 2291, got {day.year}: 64 bits hold no other nanoseconds"
+        )
     count = (day.toordinal() - _NOON) * DAY - DAY // 2 + clock
     return count + (offset if scale == "utc" else -TT_MINUS_TAI if scale == "tt" else 0)
 

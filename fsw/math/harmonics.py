@@ -143,7 +143,7 @@ def _number(text: str) -> float:
     return float(text.lower().replace("d", "e"))
 
 
-def read_icgem(path: Path, degree: int = MAX_DEGREE) -> GravityField:
+def read_icgem(path: Path | str, degree: int = MAX_DEGREE) -> GravityField:
     """Read a static gravity field in the format of ICGEM (``.gfc``; Barthelmes and Foerste, 2011).
 
     Args:
@@ -154,14 +154,17 @@ def read_icgem(path: Path, degree: int = MAX_DEGREE) -> GravityField:
     """
     if not 2 <= degree <= MAX_DEGREE:
         raise ValueError(f"degree: expected 2 to {MAX_DEGREE}, got {degree}")
+    path = Path(path)
     head, _, body = path.read_text(encoding="latin-1").partition("end_of_head")
     if not body:
         raise ValueError(f"{path.name}: not a gravity field in ICGEM format: there is no line end_of_head")
+    head = head.rpartition("begin_of_head")[2]  # comments before it may hold the same words
     known = {w[0]: w[1] for line in head.splitlines() if len(w := line.split()) >= 2}
     try:
         if known.get("norm", "fully_normalized") != "fully_normalized":
             raise ValueError(f"expected norm fully_normalized, got {known['norm']}")
-        mu, radius = _number(known["earth_gravity_constant"]), _number(known["radius"])
+        constant = "gravity_constant" if "gravity_constant" in known else "earth_gravity_constant"
+        mu, radius = _number(known[constant]), _number(known["radius"])
         n_max = min(degree, int(known["max_degree"]))
         c, s = np.full((SIZE, SIZE), np.nan), np.full((SIZE, SIZE), np.nan)
         for words in (line.split() for line in body.splitlines()[1:] if line.strip()):

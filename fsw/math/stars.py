@@ -34,12 +34,13 @@ class StarCatalogue(msgspec.Struct, frozen=True):
         return StarCatalogue(self.hip[:n], self.u_N[:n], self.magnitude[:n], self.b_v[:n])
 
 
-def read_stars(path: Path) -> StarCatalogue:
+def read_stars(path: Path | str) -> StarCatalogue:
     """Read a table (CSV) with the columns hip, ra_deg, dec_deg, magnitude, b_v; b_v may be empty.
 
     Raises:
         ValueError: if a column is missing or a line holds no star; the text names file, line and field.
     """
+    path = Path(path)
     with path.open(newline="") as file:
         reader = csv.DictReader(file)
         if tuple(reader.fieldnames or ()) != COLUMNS:

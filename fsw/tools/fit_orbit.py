@@ -21,6 +21,8 @@ from fsw.tools.orbit_fit import Fit, Surfaces, fit_orbit, inertial
 from fsw.tools.orbit_flight import flight_params
 
 _ANGLES = ("inclination", "right_ascension_of_node", "argument_of_periapsis", "true_anomaly")
+FAR = 20.0
+"""A residual of so many times the median is no noise."""
 EXAMPLE = "fit-orbit orbit.EOF --light -o out/fit"
 
 
@@ -172,6 +174,18 @@ def plot(fit: Fit, path: Path) -> None:
         figure.savefig(temporary, dpi=100, format="png")
 
 
+def outliers(fit: Fit) -> list[str]:
+    """A line that warns of positions that fit far worse than the others: damaged, or before or after a manoeuvre."""
+    distance = np.linalg.norm(fit.residuals, axis=1)
+    worst = int(np.argmax(distance))
+    typical = float(np.median(distance))
+    if distance[worst] <= FAR * max(typical, 1.0):
+        return []
+    when = calendar(int(fit.arc.epoch_ns[worst]), decimals=0)
+    text = f"warning: the position at {when} is {distance[worst]:.0f} m off, half of them are within {typical:.1f} m"
+    return [f"{text}; correct the file, or fit a part of it with --arc"]
+
+
 def run(args: argparse.Namespace) -> int:
     """Fit an orbit and write it; returns the exit code."""
     arc = read_orbit(args.file, args.satellite)
@@ -204,6 +218,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     if fit.surface != "none":
         lines.append(f"{surface} coefficient times area by mass {fit.coefficient:.5g} +- {fit.sigma[6]:.2g} m^2/kg")
+    lines += outliers(fit)
     lines.append(f"wrote {target}.json, {target}.png")
     print(*lines, sep="\n")  # noqa: T201 - a command prints
     return 0

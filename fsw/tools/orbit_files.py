@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from fsw.math.epoch import SECOND, Scale, epoch
+from fsw.math.epoch import SECOND, Scale, calendar, epoch
 from messages.base import F64, I64
 
 Axes: TypeAlias = Literal["GCRF", "EME2000", "ITRF"]
@@ -71,8 +71,14 @@ class Arc:
         Raises:
             ValueError: if fewer than four are left.
         """
+        if start_ns >= stop_ns:
+            raise ValueError("arc: expected a start before its stop, got the reverse")
         inside = (self.epoch_ns >= start_ns) & (self.epoch_ns <= stop_ns)
         times, positions = self.epoch_ns[inside].tolist(), self.r[inside].tolist()
+        if len(times) < 4:
+            first, last = (calendar(int(t), decimals=0) for t in self.epoch_ns[[0, -1]])
+            text = f"expected a part with at least 4 positions, got {len(times)}; the file has {first} to {last}"
+            raise ValueError(f"arc: {text}")
         return _arc(self.name, self.format, self.axes, times, positions, self.left_out)
 
 
@@ -80,7 +86,7 @@ def _arc(name: str, kind: str, axes: Axes, times: list[int], positions: list[lis
     """Sort by time, drop what is there twice, check."""
     unique = dict(zip(times, positions, strict=True))
     if len(unique) < 4:
-        raise ValueError(f"an orbit needs at least 4 positions, there are {len(unique)} in the part that is asked for")
+        raise ValueError(f"an orbit needs at least 4 positions, the file has {len(unique)}")
     epoch_ns = np.array(sorted(unique), np.int64)
     r = np.array([unique[t] for t in epoch_ns.tolist()])
     if not np.all(np.isfinite(r)):
@@ -92,16 +98,17 @@ def _arc(name: str, kind: str, axes: Axes, times: list[int], positions: list[lis
     return Arc(name, kind, axes, epoch_ns, r, left_out)
 
 
-def read_orbit(path: Path, satellite: str | None = None) -> Arc:
+def read_orbit(path: Path | str, satellite: str | None = None) -> Arc:
     """The positions in a file.
 
     Args:
         path: SP3, CCSDS OEM (text) or Sentinel EOF; packed with gzip or not.
-        satellite: which of an SP3 or OEM file's, "L51" say; None: the only one.
+        satellite: which of the file's, "L51" say; None: the only one.
 
     Raises:
         ValueError: if the file is of no known format, or is damaged; the text names file and line.
     """
+    path = Path(path)
     data = path.read_bytes()
     if data[:2] == b"\x1f\x8b":
         try:
@@ -116,8 +123,10 @@ def read_orbit(path: Path, satellite: str | None = None) -> Arc:
         if head.startswith("CCSDS_OEM_VERS"):
             return _read_oem(text, satellite)
         if "<Earth_Explorer_File" in head:
-            return _read_eof(text)
-    except (ValueError, IndexError, ET.ParseError) as error:
+            return _read_eof(text, satellite)
+    except ET.ParseError as error:
+        raise ValueError(f"{path.name}: expected a whole file in XML, got a damaged or cut one: {error}") from error
+    except (ValueError, IndexError) as error:
         raise ValueError(f"{path.name}: {error}") from error
     packed = "; unpack it first" if head.startswith("PK") else ""
     got = f"got {head[:40]!r}{packed}"
@@ -223,7 +232,7 @@ def _read_oem(text: str, satellite: str | None) -> Arc:
     return _arc(name, "CCSDS OEM", axes, [times[k] for k in mine], [positions[k] for k in mine])
 
 
-def _read_eof(text: str) -> Arc:
+def _read_eof(text: str, satellite: str | None) -> Arc:
     root = ET.fromstring(text)
     frame, name = root.findtext(".//Ref_Frame"), root.findtext(".//Mission")
     if frame != "EARTH_FIXED":
@@ -244,4 +253,5 @@ def _read_eof(text: str) -> Arc:
         except ValueError as error:
             raise ValueError(f"state vector {number}: {error}") from error
         positions.append(r)
-    return _arc(name or "satellite", "Sentinel EOF", "ITRF", times, positions, degraded)
+    name = _chosen(satellite, [name or "satellite"])
+    return _arc(name, "Sentinel EOF", "ITRF", times, positions, degraded)

@@ -12,7 +12,7 @@ from typing import Any
 
 import erfa
 import numpy as np
-from sgp4.api import Satrec
+from sgp4.api import SGP4_ERRORS, Satrec
 
 from fsw.math import epoch as time
 from fsw.math import euler, geodesy, kepler, local_frames
@@ -26,9 +26,14 @@ from sim.dynamics.spacecraft import Spacecraft
 
 ERFA: Any = erfa
 SATREC: Any = Satrec
+SGP4_WORDS: Any = SGP4_ERRORS
+TLE_DAYS = 60.0
+"""Two-line elements are refused farther from their epoch: SGP4 is then wrong by more than an orbit's size."""
 TROPICAL_YEAR = 365.2421897 * 86400.0
 """s."""
 _LEVEL = (0.0, 0.0, 0.0)
+_AT_POLE = 1e-6
+"""Nearer to the axis of the Earth, m, there is no east."""
 
 
 def planet_params(planet: int | str) -> dict[str, Any]:
@@ -162,10 +167,12 @@ def sun_synchronous(
         a (m), e, i, Omega, omega, f (rad).
 
     Raises:
-        ValueError: if no inclination does it (too high), or the local time is not of a day.
+        ValueError: if no inclination does it (too high), or ``e`` or the local time is out of range.
     """
     if not 0.0 <= local_time < 24.0:
         raise ValueError(f"local_time: expected hours from 0 to 24, got {local_time}")
+    if not 0.0 <= e < 1.0:
+        raise ValueError(f"e: expected the eccentricity of an ellipse, 0 to below 1, got {e}")
     earth = body("Earth")
     a = earth.radius + height
     n, p = math.sqrt(earth.mu / a**3) if a > 0.0 else math.nan, a * (1.0 - e * e)
@@ -178,6 +185,12 @@ def sun_synchronous(
     sun = math.radians(280.460 + 0.98564736 * days)  # mean longitude (Astronomical Almanac)
     node = (sun + (local_time - 12.0) * math.pi / 12.0) % (2.0 * math.pi)
     return a, e, math.acos(cosine), node, omega, f
+
+
+def _require_earth(attitude: dict[str, Any]) -> None:
+    planet = attitude.get("planet", "Earth")
+    if body(planet).name != "Earth":
+        raise ValueError(f"planet: expected the Earth, for which these coordinates are made, got {planet!r}")
 
 
 def from_geodetic(
@@ -196,11 +209,13 @@ def from_geodetic(
     Args:
         latitude, longitude: WGS84, rad. height: m. dcm_EN: (3, 3) orientation of the Earth at that time.
         heading: of the inertial velocity, rad from north towards east. inclination: instead of it, rad.
-        ascending: with an inclination, whether the spacecraft goes north. attitude: as for `from_elements`.
+        ascending: with an inclination, whether the spacecraft goes north. attitude: as for `from_rv`, but the planet
+            is always the Earth.
 
     Raises:
         ValueError: if not one of heading and inclination is given, or abs(latitude) <= i <= pi - abs(latitude) fails.
     """
+    _require_earth(attitude)
     if (heading is None) == (inclination is None):
         raise ValueError("heading, inclination: expected one of the two")
     turn = np.asarray(dcm_EN, np.float64)
@@ -216,7 +231,8 @@ def from_geodetic(
     distance = float(np.linalg.norm(r))
     across = math.hypot(r[0], r[1])
     if inclination is not None:
-        sine = math.cos(inclination) * distance / across if across > 0.0 else math.inf
+        cosine = math.cos(inclination) if across > _AT_POLE or abs(math.cos(inclination)) > 1e-12 else 0.0
+        sine = cosine * distance / max(across, _AT_POLE)
         if not (abs(sine) <= 1.0 + 1e-12 and 0.0 <= inclination <= math.pi):
             low = math.degrees(math.acos(min(across / distance, 1.0)))
             got = math.degrees(inclination)
@@ -225,7 +241,7 @@ def from_geodetic(
         heading = angle if ascending else math.pi - angle
     assert heading is not None
     # a pole has no east: the heading then counts from the meridian of x
-    east = np.array([-r[1], r[0], 0.0]) / across if across > 1e-6 else np.array([0.0, 1.0, 0.0])
+    east = np.array([-r[1], r[0], 0.0]) / across if across > _AT_POLE else np.array([0.0, 1.0, 0.0])
     north = np.cross(r / distance, east)
     v = math.sqrt(body("Earth").mu / distance) * (math.sin(heading) * east + math.cos(heading) * north)
     return from_rv(r, v, **attitude)
@@ -238,20 +254,32 @@ def from_tle(line1: str, line2: str, epoch_ns: int, **attitude: Any) -> Spacecra
 
     Args:
         line1, line2: the elements. epoch_ns: of simulation time zero, TAI ns since 2000-01-01T12:00:00 TAI.
-        attitude: as for `from_elements`.
+        attitude: as for `from_geodetic`.
 
     Raises:
-        ValueError: if a line is damaged or SGP4 refuses the elements or the time.
+        ValueError: if a line is damaged, the lines are of two satellites, the time is more than 60 days from the epoch
+            of the elements, or SGP4 refuses them.
     """
+    _require_earth(attitude)
     for number, line in enumerate((line1, line2), 1):
         text = line.rstrip()
         total = sum(int(c) if c.isdigit() else c == "-" for c in text[:68])
         if len(text) != 69 or not text.startswith(f"{number} ") or text[68] != str(total % 10):
             raise ValueError(f"line{number}: expected a line of two-line elements with a right checksum, got {text!r}")
+    if line1[2:7] != line2[2:7]:
+        raise ValueError(f"line2: expected the satellite of line1, {line1[2:7].strip()}, got {line2[2:7].strip()}")
     satellite = SATREC.twoline2rv(line1.rstrip(), line2.rstrip())
-    code, r_km, v_km = satellite.sgp4(*time.julian_dates(epoch_ns, "utc"))
+    whole, rest = time.julian_dates(epoch_ns, "utc")
+    days = whole - satellite.jdsatepoch + (rest - satellite.jdsatepochF)
+    if not abs(days) <= TLE_DAYS:
+        when = (
+            f"{time.calendar(epoch_ns)}, {abs(days):.0f} days {'after' if days > 0.0 else 'before'} that of the lines"
+        )
+        raise ValueError(f"epoch_ns: expected a time at most {TLE_DAYS:g} days from the elements, got {when}")
+    code, r_km, v_km = satellite.sgp4(whole, rest)
     if code:
-        raise ValueError(f"SGP4 refuses the elements at {time.calendar(epoch_ns)} (code {code}); get others")
+        why = SGP4_WORDS.get(code, f"code {code}")
+        raise ValueError(f"SGP4 refuses the elements at {time.calendar(epoch_ns)}: {why}; get others")
     dcm = dcm_gcrf_teme(epoch_ns)
     return from_rv(dcm @ np.array(r_km) * 1e3, dcm @ np.array(v_km) * 1e3, **attitude)
 

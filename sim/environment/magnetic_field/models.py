@@ -32,12 +32,13 @@ class Model(NamedTuple):
     h: F64
 
 
-def read_shc(path: Path) -> Model:
+def read_shc(path: Path | str) -> Model:
     """A model in the SHC format of IGRF: a header, the epochs, then a line of values for each degree and order.
 
     Raises:
         ValueError: if the file is not of this form; the text names it.
     """
+    path = Path(path)
     lines = [x.split() for x in path.read_text().splitlines() if x.strip() and not x.startswith("#")]
     try:
         degree, epochs, order = int(lines[0][1]), np.array(lines[1], float), int(lines[0][3])
@@ -53,12 +54,13 @@ def read_shc(path: Path) -> Model:
     return Model(path.stem, epochs, degree, g, h)
 
 
-def read_cof(path: Path) -> Model:
+def read_cof(path: Path | str) -> Model:
     """A model in the COF format of WMM: epoch and name, then n, m, g, h and their yearly changes, for five years.
 
     Raises:
         ValueError: if the file is not of this form; the text names it.
     """
+    path = Path(path)
     lines = [x.split() for x in path.read_text().splitlines() if x.strip() and not x.startswith("9999")]
     try:
         epoch, degree = float(lines[0][0]), int(lines[-1][0])

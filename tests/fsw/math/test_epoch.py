@@ -99,6 +99,8 @@ def test_text_and_back_at_random() -> None:
         ("05/05/2023", "utc", "expected a date and time such as 2023-05-05T03:28:50.25Z"),
         ("2023-05-05T03:28:50.1234567891Z", "utc", "at most nine decimals"),
         ("2023-05-05T03:28:50Z", "tt", "without Z"),
+        ("1600-01-01", "tt", "expected a year from 1709 to 2291"),
+        ("2292-01-01", "tai", "expected a year from 1709 to 2291"),
         ("2023-05-05", "ut1", "UT1 needs Earth orientation data"),
     ],
 )

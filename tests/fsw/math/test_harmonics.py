@@ -152,6 +152,16 @@ def test_damaged_files(old: str, new: str, text: str, tmp_path: Path) -> None:
         read_icgem(path)
 
 
+def test_a_field_of_the_moon_with_words_before_its_head(tmp_path: Path) -> None:
+    """Comments may come first, and the constant of another body has a name of its own."""
+    whole = FILE.read_text().replace("earth_gravity_constant", "gravity_constant")
+    path = tmp_path / "field.gfc"
+    path.write_text(f"radius of the reference: see below\nnorm is explained\nbegin_of_head ====\n{whole}")
+    there, whole_field = read_icgem(str(path), 4), read_icgem(FILE, 4)
+    assert there.mu == whole_field.mu and there.radius == whole_field.radius
+    np.testing.assert_array_equal(there.C, whole_field.C)
+
+
 def test_wrong_degree() -> None:
     with pytest.raises(ValueError, match="2 to 50"):
         read_icgem(FILE, 51)

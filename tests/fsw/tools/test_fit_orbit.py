@@ -179,7 +179,9 @@ def test_damaged_file(
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--arc", "2024-01-01", "2024-01-02"], "at least 4 positions"),
+        (["--arc", "2024-01-01", "2024-01-02"], "got 0; the file has 2023-07-03T12:00:00Z to"),
+        (["--arc", "2023-07-04", "2023-07-03"], "start before its stop"),
+        (["--satellite", "L51"], "no positions of L51; choose one with --satellite: ISS"),
         (["--degree", "70"], "2 to 50"),
         (["--ut1-utc", "5"], "0.9"),
         (["--eop", str(STATION)], "finals2000A"),
@@ -189,6 +191,21 @@ def test_damaged_file(
 def test_refused(options: list[str], text: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["fit-orbit", str(STATION), "-o", str(tmp_path / "x"), *options]) == 1
     assert text in capsys.readouterr().err
+
+
+def test_a_satellite_that_the_file_lacks() -> None:
+    assert read_orbit(str(SENTINEL), "Sentinel-1A").name == "Sentinel-1A"
+    with pytest.raises(ValueError, match="no positions of Sentinel-2B"):
+        read_orbit(SENTINEL, "Sentinel-2B")
+
+
+def test_one_damaged_position_is_pointed_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """100 km off: the orbit is pulled away, which the command says."""
+    path = tmp_path / "jump.txt"
+    path.write_text(STATION.read_text().replace("12:04:00.000 2756.", "12:04:00.000 2656."))
+    stop = ["--arc", "2023-07-03T12:00:00", "2023-07-03T18:00:00", "--degree", "8"]
+    assert main(["fit-orbit", str(path), *stop, "-o", str(tmp_path / "x")]) == 0
+    assert "warning: the position at 2023-07-03T12:04:00Z" in capsys.readouterr().out
 
 
 def test_no_orientation_of_the_earth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -108,6 +108,28 @@ def test_tle_at_its_epoch() -> None:
     assert np.linalg.norm(state.v_BN_N - old @ np.array(v) * 1e3) < 3e-3
 
 
+def test_a_polar_orbit_over_the_pole() -> None:
+    """The inclination leaves the heading open there, and rounding must not choose it."""
+    for latitude in (math.pi / 2.0, -math.pi / 2.0):
+        by_heading = initial_state.from_geodetic(latitude, 0.7, 5e5, np.eye(3), heading=0.0)
+        state = initial_state.from_geodetic(latitude, 0.7, 5e5, np.eye(3), inclination=math.pi / 2.0)
+        np.testing.assert_allclose(state.v_BN_N, by_heading.v_BN_N, rtol=0, atol=1e-9)
+        with pytest.raises(ValueError, match=r"expected 90\.000 to 90\.000 deg"):
+            initial_state.from_geodetic(latitude, 0.7, 5e5, np.eye(3), inclination=1.5)
+
+
+def with_number(lines: list[str], number: str) -> tuple[str, str]:
+    """The same elements, the second line with another satellite's number and its checksum."""
+    text = lines[1].replace("25544", number)[:68]
+    return lines[0], text + str(sum(int(c) if c.isdigit() else c == "-" for c in text) % 10)
+
+
+DECAYED = (  # Vallado et al. (2006), verification set of SGP4
+    "1 28872U 05037B   05333.02012661  .25992681  00000-0  24476-3 0  1534",
+    "2 28872  96.4736 157.9986 0303955 244.0492 110.6523 16.46015938 10708",
+)
+
+
 @pytest.mark.parametrize(
     ("make", "text"),
     [
@@ -138,7 +160,17 @@ def test_tle_at_its_epoch() -> None:
         (lambda: initial_state.from_geodetic(2.0, 0.0, 5e5, np.eye(3), heading=1.0), "latitude: expected"),
         (lambda: initial_state.from_geodetic(0.9, 0.0, -5e3, np.eye(3), heading=1.0), "through Earth"),
         (lambda: initial_state.from_geodetic(0.9, 0.0, 5e5, np.eye(3), inclination=2.5), "51.* to 128"),
-        (lambda: initial_state.from_tle(TLE[0], TLE[1], epoch("1960-01-01T00:00:00Z")), "1960|SGP4"),
+        (lambda: initial_state.from_tle(TLE[0], TLE[1], epoch("1990-01-01T00:00:00Z")), "60 days.* 12176 days before"),
+        (lambda: initial_state.from_tle(TLE[0], TLE[1], epoch("2023-07-10")), "60 days"),
+        (
+            lambda: initial_state.from_tle(TLE[0], TLE[1], epoch("2023-05-04"), planet="Mars"),
+            "planet: expected the Earth",
+        ),
+        (lambda: initial_state.from_tle(*with_number(TLE, "25545"), epoch("2023-05-04")), "line2: .*25544, got 25545"),
+        (lambda: initial_state.from_tle(*DECAYED, epoch("2005-12-02T00:28:59Z")), "SGP4 refuses.*eccentricity"),
+        (lambda: initial_state.from_geodetic(0.1, 0.0, 5e5, np.eye(3), heading=0.0, planet="Mars"), "planet: expected"),
+        (lambda: initial_state.sun_synchronous(700e3, 6.0, 0, e=-0.1), "e: expected the eccentricity"),
+        (lambda: initial_state.sun_synchronous(700e3, 6.0, 0, e=1.2), "e: expected the eccentricity"),
     ],
 )
 def test_what_is_refused(make: Any, text: str) -> None:
