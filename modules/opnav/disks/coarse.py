@@ -122,11 +122,11 @@ def settle(smooth: F32, start: Ellipse, least: float, sun: Light | None) -> tupl
             return None
         sigma = np.full(len(x), max(0.5, 0.1 * window))
         made, agree, scale = fit(e._replace(oval_x=0.0, oval_y=0.0), x, y, sigma, False, max(window, 2.0), 5)
-        if agree.sum() < max(10.0, 0.4 * len(x)):
-            return None
         if used.mean() > 0.2:
             oval, agree_oval, scale_oval = fit(e, x, y, sigma, True, max(window, 2.0), 5)
             if agree_oval.sum() > 1.04 * agree.sum() or scale_oval < 0.75 * scale:
-                made = oval
+                made, agree = oval, agree_oval
+        if agree.sum() < max(10.0, 0.4 * len(x)):
+            return None
         e = made
     return None if seen is None else (e, seen, light)

@@ -18,9 +18,10 @@ rendered disks of four laws of reflection, with blurs of 0.5 to 1.2 px."""
 LEAST_SIGMA = 0.02
 """No point is better than this [px]."""
 FAR_PX = 4.0
-WALD = 25.0
-"""An ellipse is taken if its ovals are this many times their variance (5 sigma): relief is correlated, and a bent
-circle; below, the doubt goes to the covariance."""
+WALD = 40.0
+WALD_SMOOTH = 22.0
+"""An ellipse is taken if the square of its ovals is this many times their variance (6 sigma, or 4.7 on a smooth limb):
+relief bends a circle too. Below, the doubt goes to the covariance."""
 
 LONG_ARC = math.radians(140.0)
 SMOOTH = 3.0
@@ -61,10 +62,10 @@ def outline(start: Ellipse, limb: Limb) -> Outline | None:
         arc = 2.0 * math.pi - max(float(np.diff(theta).max()), 2.0 * math.pi - float(theta[-1] - theta[0]))
         d = oval.distance(limb.x[keep_oval], limb.y[keep_oval])[0] / sigma[keep_oval]
         smooth = max(scale_oval, 1.0) ** 2 * correlation(d) < SMOOTH
-        if wald > WALD and (smooth or arc > LONG_ARC):
+        if wald > (WALD_SMOOTH if smooth else WALD) and (smooth or arc > LONG_ARC):
             return Outline(oval, True, P_oval, keep_oval, max(scale_oval, 1.0))
     P = covariance(circle, limb, keep, sigma, scale, False)
-    if wald > 0.25 * WALD:  # perhaps it is none: then it is as far off as the ellipse says
+    if wald > 6.0:  # perhaps it is none: then it is as far off as the ellipse says
         off = np.array(oval[:3]) - np.array(circle[:3])
         P = P + np.outer(off, off) * min(wald / WALD, 1.0) ** 2
     return Outline(circle, False, P, keep, max(scale, 1.0))

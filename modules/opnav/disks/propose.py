@@ -69,8 +69,7 @@ def propose(values: F32, noise: float, min_radius: float, max_radius: float) -> 
     top = float(CV.magnitude(dx, dy).max())
     least = NOISE_FACTOR * 0.15 * noise
     found: list[Proposal] = []
-    for share in LEVELS:
-        high = max(share * top, least)
+    for high in sorted({max(share * top, least) for share in LEVELS}, reverse=True):
         if high > top:
             break
         edges = _edges(dx, dy, 0.5 * high, high)

@@ -30,6 +30,8 @@ MIN_SHARE = 0.5
 MIN_KEPT = 0.65
 """Share of the measured points that must agree."""
 MIN_POINTS = 12
+NEAR_PX = 1.5
+"""If the outline moves by more than this, the points are measured once more from there."""
 SCATTER_PX = 0.3
 SCATTER = 0.003
 MAX_SCATTER_PX = 0.7
@@ -156,7 +158,7 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
         if limb is None or fitted is None:
             return "few points"
         made, before, e = (limb, fitted), e, fitted.ellipse
-        if math.hypot(e.x - before.x, e.y - before.y) + abs(e.radius - before.radius) < 0.7:
+        if math.hypot(e.x - before.x, e.y - before.y) + abs(e.radius - before.radius) < NEAR_PX:
             break
     assert made is not None
     limb, fitted = made[0].pick(made[1].keep), made[1]

@@ -193,6 +193,11 @@ def test_ellipses() -> None:
         assert np.allclose(disk.ellipse.semi_axes, (120.0 / ratio, 120.0 * ratio), atol=0.15)
         assert abs((math.degrees(disk.ellipse.angle) - tilt + 90) % 180 - 90) < 1.5
         assert math.hypot(disk.ellipse.x - 197.4, disk.ellipse.y - 203.1) < 0.1
+    for phase in (0.0, 60.0):  # a large one, whose ellipse is far from any circle
+        light = scenes.lit_disk((760, 760), (381.2, 378.3), 290.0, phase, 30.0, "lunar", 0.1, 43.0, over=2)
+        _, (disk,) = find_disks(scenes.exposed(light, rng))
+        assert disk.oval
+        assert np.abs(np.array(disk.ellipse[:3]) - (381.2, 378.3, 290.0)).max() < 1.0
 
 
 def test_several_bodies_and_kinds_of_image() -> None:
