@@ -2,11 +2,10 @@
 
 Elements are (a, e, i, Omega, omega, f): semi-major axis (m, negative for a hyperbola), eccentricity, inclination,
 right ascension of the ascending node, argument of periapsis, true anomaly (rad). A parabola (e exactly 1) has no
-semi-major axis: its a is minus the radius of periapsis, as in Basilisk; near it a and e together are good
-to 1e-16 / |1 - e| only, as e is rounded. Straight lines through the centre are refused (NaN). Angles come from two-argument arc tangents; Basilisk
-takes inclination and angles from cosines, and so loses an inclination below 1e-8 and half of the digits near 0 and pi.
-Source: Vallado, "Fundamentals of Astrodynamics and
-Applications", 4th ed., ch. 2.
+semi-major axis: its a is minus the radius of periapsis, as in Basilisk; near it a and e together are good to
+1e-16 / |1 - e| only, as e is rounded. Straight lines through the centre are refused (NaN). Angles come from
+two-argument arc tangents; Basilisk takes inclination and angles from cosines, and so loses an inclination below 1e-8
+and half of the digits near 0 and pi. Source: Vallado, "Fundamentals of Astrodynamics and Applications", 4th ed., ch. 2.
 """
 
 from __future__ import annotations
