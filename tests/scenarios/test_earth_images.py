@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fsw.math.geodesy import geodetic_from_ecef, ray_to_spheroid
+from fsw.math.geodesy import geodetic_from_ecef
 from sim.camera.earth_camera import Pose
 from sim.scenarios.earth_images import build
 from sim.scenarios.earth_images.graph import viewpoint
@@ -22,7 +22,7 @@ def test_camera_looks_at_the_place(off: float) -> None:
     """From the height and at the angle that were asked for, with the azimuth up in the picture."""
     scene = Scene("a", "a", (), None, 48.0, 3.0, 420.0, 1000.0, 4000.0, (0.0, 0.0), "", off, 90.0)
     r, dcm_CE = viewpoint(scene)
-    lat, lon, h = geodetic_from_ecef(*r.tolist())
+    lat, lon, h = geodetic_from_ecef(float(r[0]), float(r[1]), float(r[2]))
     assert h == pytest.approx(420e3, abs=300.0)
     up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
     assert np.degrees(np.arccos(-dcm_CE[2] @ up)) == pytest.approx(off, abs=0.2)
@@ -30,7 +30,6 @@ def test_camera_looks_at_the_place(off: float) -> None:
     middle, east = project_cv(ecef([48.0, 48.0], [3.0, 3.1]), pose, cam)
     np.testing.assert_allclose(middle, 255.5, atol=1e-6)
     assert east[1] < middle[1] - 2.0 and abs(east[0] - middle[0]) < 1.0
-    assert np.isfinite(ray_to_spheroid(*r.tolist(), *dcm_CE[2].tolist(), 0.0))
 
 
 def test_one_picture_shows_the_pyramids_region() -> None:
@@ -67,7 +66,10 @@ def test_a_map_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         "--focal",
         "9000",
     ]
-    assert main([*place, "--size", "32", "--off-nadir", "20", "--out", str(tmp_path)]) == 0
+    assert (
+        main([*place, "--time", "2020-05-18T13:30:00Z", "--size", "32", "--off-nadir", "20", "--out", str(tmp_path)])
+        == 0
+    )
     assert "own_03_haze.png" in capsys.readouterr().out
     assert np.asarray(Image.open(tmp_path / "own_01_map.png"))[20:].std() > 5.0
 

@@ -49,6 +49,7 @@ class Window(NamedTuple):
     levels: I64
     """The pyramid, see `sampler.fetch`."""
     table: F64
+    planes: F64
     frame: F64
     """From places to x, y, see `sampler.table_at`."""
     box: tuple[float, float, float, float]
@@ -126,8 +127,9 @@ class MapLayer:
         size = (right - left) // factor, (bottom - top) // factor
         pixels = read_pixels(self.raster, left, top, size, factor)
         table, frame, box = _table(self.raster, left, top, size, factor)
+        planes = np.ascontiguousarray(np.moveaxis(table, 2, 0)).reshape(2, -1)
         whole = (left, top) == (0, 0) and (bottom, right) == self.raster.shape
-        return Window(left, top, factor, whole, exact, *pyramid(pixels), table, frame, box)
+        return Window(left, top, factor, whole, exact, *pyramid(pixels), table, planes, frame, box)
 
 
 def _lengths(column: F64, row: F64, axis: int) -> F64:
@@ -153,7 +155,10 @@ def _serves(window: Window, raster: Raster, seen: View, lat: F64, lon: F64) -> b
         turn = np.remainder(lon[known] - window.frame[4] + np.pi, 2.0 * np.pi) - np.pi
         low_lat, high_lat, low_lon, high_lon = window.box
         at = lat[known]
-        if at.min() < low_lat or at.max() > high_lat or turn.min() < low_lon or turn.max() > high_lon:
+        tall, wide = high_lat - low_lat, high_lon - low_lon  # farther out the table, which is linear there, is no guide
+        if at.min() < low_lat - tall or at.max() > high_lat + tall:
+            return False
+        if turn.min() < low_lon - wide or turn.max() > high_lon + wide:
             return False
         end_x = window.left + columns * window.factor + window.factor > raster.shape[1]
         end_y = window.top + rows * window.factor + window.factor > raster.shape[0]

@@ -248,7 +248,7 @@ class EarthRenderer:
         picture = image[part] if whole else np.zeros((*x.shape, 3), np.float32)
         for window, _, prints in views:
             sample_band(
-                ground.lat, ground.lon, top, left, STEP, window.table, window.frame, prints,
+                ground.lat, ground.lon, top, left, STEP, window.table, window.planes, window.frame, prints,
                 window.pixels, window.levels, picture, want,
             )  # fmt: skip
         if self._lattice is not None:

@@ -145,10 +145,25 @@ def fetch(pixels: U16, start: int, rows: int, columns: int, x: float, y: float) 
     a = np.uint64(start + i * columns + j)
     b = a + np.uint64(1 if j + 1 < columns else 0)
     down = np.uint64(columns if i + 1 < rows else 0)
+    return weighed(pixels, a, b, a + down, b + down, u, v)
+
+
+@compiled
+def fetch_inside(pixels: U16, start: int, columns: int, x: float, y: float) -> FOUR:
+    """`fetch` where all four neighbours are on the level."""
+    j, i = int(x), int(y)
+    a = np.uint64(start + i * columns + j)
+    below = a + np.uint64(columns)
+    return weighed(pixels, a, a + ONE, below, below + ONE, np.float32(x - j), np.float32(y - i))
+
+
+@compiled
+def weighed(pixels: U16, a: int, b: int, c: int, d: int, u: float, v: float) -> FOUR:
+    """The bilinear mean of four pixels; they are unsigned, so that numba need not look for negative indices."""
     wd = u * v
     wb, wc = u - wd, v - wd
     wa = np.float32(1.0) - u - wc
-    p, q, r, s = pixels[a], pixels[b], pixels[a + down], pixels[b + down]
+    p, q, r, s = pixels[a], pixels[b], pixels[c], pixels[d]
     return (
         wa * np.float32(p[0]) + wb * np.float32(q[0]) + wc * np.float32(r[0]) + wd * np.float32(s[0]),
         wa * np.float32(p[1]) + wb * np.float32(q[1]) + wc * np.float32(r[1]) + wd * np.float32(s[1]),
@@ -199,9 +214,49 @@ def sample(
 
 
 @compiled
+def _row_places(
+    columns: F64, rows: F64, n: int, m: int, lat0: float, per_lat: float, lon0: float, per_lon: float, middle: float,
+    lat: F64, lon: F64, x: F64, y: F64,
+) -> None:  # fmt: skip
+    """`table_at` for a row of places, into x and y. Without branches, so that a compiler can do several at once.
+
+    Args:
+        columns: the table's columns of the map, its rows one after the other.
+        rows: likewise its rows of the map.
+        n: rows of the table.
+        m: columns of the table.
+        lat0: as of `table_at`; the others likewise.
+        per_lat: see there.
+        lon0: see there.
+        per_lon: see there.
+        middle: see there.
+        lat: latitudes.
+        lon: longitudes.
+        x: out.
+        y: out.
+    """
+    last_v, last_u = n - 2.0, m - 2.0
+    for j in range(lat.shape[0]):
+        turn = lon[j] - middle
+        turn = turn - TURN if turn > math.pi else turn
+        turn = turn + TURN if turn < -math.pi else turn
+        v, u = (lat[j] - lat0) * per_lat, (turn - lon0) * per_lon
+        low_v, low_u = max(0.0, v), max(0.0, u)
+        low_v, low_u = min(last_v, low_v), min(last_u, low_u)
+        i, k = int(low_v), int(low_u)
+        v, u = v - i, u - k
+        a = i * m + k
+        wd = u * v
+        wb, wc = u - wd, v - wd
+        wa = 1.0 - u - wc
+        x[j] = wa * columns[a] + wb * columns[a + 1] + wc * columns[a + m] + wd * columns[a + m + 1]
+        y[j] = wa * rows[a] + wb * rows[a + 1] + wc * rows[a + m] + wd * rows[a + m + 1]
+
+
+@compiled
 def sample_band(
-    lat: F64, lon: F64, top: int, left: int, step: int, table: F64, frame: F64, prints: F32, pixels: U16, levels: I64,
-    image: F32, want: U8,
+    lat: F64, lon: F64, top: int, left: int, step: int, table: F64, planes: F64, frame: F64, prints: F32,
+    pixels: U16, levels: I64, image: F32, want: U8,
 ) -> None:  # fmt: skip
     """Reflectance of one map in a band of pixels, wherever no finer map had any.
 
@@ -212,7 +267,8 @@ def sample_band(
         left: column of the camera that the first column is, a multiple of ``step``.
         step: pixels of the camera to a cell of ``prints``.
         table: as of `table_at`.
-        frame: likewise.
+        planes: its columns, and its rows, one after the other (2, n * m).
+        frame: as of `locate_nodes`.
         prints: as of `footprints`.
         pixels: the pyramid, as of `fetch`.
         levels: (n, 3), one row a level.
@@ -221,7 +277,18 @@ def sample_band(
     """
     lat0, per_lat, lon0, per_lon, middle = frame[0], frame[1], frame[2], frame[3], frame[4]
     right, bottom = levels[0, 2] - 0.5, levels[0, 1] - 0.5
+    unit, most = np.float32(1.0 / FULL), np.float32(0.999999 * FULL)
+    xs, ys = np.empty(lat.shape[1]), np.empty(lat.shape[1])
     for i in range(lat.shape[0]):
+        asked = False
+        for j in range(want.shape[1]):
+            asked |= want[i, j] != 0
+        if not asked:
+            continue
+        _row_places(
+            planes[0], planes[1], table.shape[0], table.shape[1], lat0, per_lat, lon0, per_lon, middle,
+            lat[i], lon[i], xs, ys,
+        )  # fmt: skip
         n = (top + i) // step
         for m in range((lat.shape[1] + step - 1) // step):
             c = left // step + m
@@ -232,17 +299,20 @@ def sample_band(
             for j in range(m * step, min((m + 1) * step, lat.shape[1])):
                 if want[i, j] == 0:
                     continue
-                x, y = table_at(table, lat0, per_lat, lon0, per_lon, middle, lat[i, j], lon[i, j])
+                x, y = xs[j], ys[j]
                 if not (x >= -0.5 and x <= right and y >= -0.5 and y <= bottom):
                     continue
                 if simple:
                     u, v = (x + 0.5) * size - 0.5, (y + 0.5) * size - 0.5
-                    red, green, blue, cover = fetch(pixels, start, rows, columns, u, v)
+                    if u >= 0.0 and u < columns - 1 and v >= 0.0 and v < rows - 1:
+                        red, green, blue, cover = fetch_inside(pixels, start, columns, u, v)
+                    else:
+                        red, green, blue, cover = fetch(pixels, start, rows, columns, u, v)
                 else:
                     red, green, blue, cover = sample(pixels, levels, k, blend, taps, along_x, along_y, x, y)
                 if cover >= 0.5 * FULL:
                     want[i, j] = 0
-                    per = 1.0 / cover
+                    per = unit if cover > most else 1.0 / cover
                     image[i, j, 0], image[i, j, 1], image[i, j, 2] = red * per, green * per, blue * per
 
 

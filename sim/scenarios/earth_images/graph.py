@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -134,8 +135,8 @@ def build(
         center_px=np.full(2, 0.5 * (size_px - 1)),
         **effect.lens,
     )
-    params = EarthCameraParams(**{"brightness": scene.brightness, **BARE, "haze": 1.0, **effect.params})
-    eye = EarthCamera("eye", camera, maps or GeoMap.open(scene.files, scene.dem), params)
+    numbers: dict[str, Any] = {"brightness": scene.brightness, **BARE, "haze": 1.0, **effect.params}
+    eye = EarthCamera("eye", camera, maps or GeoMap.open(scene.files, scene.dem), EarthCameraParams(**numbers))
     platform.out_state.connect(eye.in_state)
     earth.out_orientation.connect(eye.in_orientation)
     sun.out_ephemeris.connect(eye.in_sun)

@@ -54,7 +54,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     given = parser.parse_args(arguments)
     if not 16 <= given.size <= 8192:
         parser.error(f"--size: expected 16 to 8192 pixels, got {given.size}")
-    if (given.map is None) != (given.lat is None or given.lon is None):
+    if len({given.map is None, given.lat is None, given.lon is None}) > 1:
         parser.error("--map, --lat and --lon belong together: give all three for a place of your own")
     if given.map is not None and given.scene:
         parser.error("--scene is for the shipped scenes; leave it out with --map")

@@ -121,9 +121,7 @@ def effects(scene: Scene) -> list[Effect]:
         Effect("02_sunlight", "sunlight", BARE),
         Effect("03_haze", "haze"),
         Effect("04_clouds", "clouds and their shadows", clouds),
-        Effect(
-            "05_terrain", "terrain, 45 degrees off", BARE, change={"off_deg": 45.0, "azimuth_deg": 150.0}, terrain=True
-        ),
+        Effect("05_terrain", "terrain, 45 degrees off", BARE, change=aside, terrain=True),
         Effect("06_lens", "distortion and colour fringes", lens=_worse(scene)),
         Effect("07_shutter", "rolling shutter and smear", SHAKE, omega_B=slow),
         Effect("08_detector", "detector: blur, noise, defects", NOISE),

@@ -54,7 +54,7 @@ def project_cv(r_E: F64, pose: Pose, cam: CameraConfigMsg) -> F64:
     dcm, r = pose.dcm_CE[0], pose.r_CE_E[0]
     rotation, _ = cv2.Rodrigues(dcm)
     pixels, _ = cv2.projectPoints(np.asarray(r_E, float)[:, None], rotation, -dcm @ r, k, np.array(cam.distortion))
-    return pixels[:, 0]
+    return np.asarray(pixels[:, 0], np.float64)
 
 
 def mercator(lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
@@ -64,7 +64,7 @@ def mercator(lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
 
 
 def utm(lat_deg: Any, lon_deg: Any, middle_deg: float) -> tuple[Any, Any]:
-    """Transverse Mercator, northern zone, by Kruger's series (Karney 2011, eq. 7 to 11, 35), to 1e-6 m near the middle."""
+    """Transverse Mercator, northern zone, by Kruger's series (Karney 2011, eq. 7 to 11, 35)."""
     f = 1.0 / 298.257223563
     n = f / (2.0 - f)
     radius = WGS84_A / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0)
@@ -112,7 +112,7 @@ def dots(x: Any, y: Any, size: float, sigma: float) -> tuple[Any, Affine]:
     return np.rint(30.0 + 200.0 * image).astype(np.uint8), Affine(size, 0.0, left, 0.0, -size, top)
 
 
-def centroids(image: F64, expected: F64, half: int) -> F64:
+def centroids(image: Any, expected: F64, half: int) -> F64:
     """Centre of the light above the background near each expected pixel (n, 2); NaN where that is at the border."""
     found = np.full(expected.shape, np.nan)
     for k, (x, y) in enumerate(expected):

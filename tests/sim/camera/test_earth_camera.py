@@ -14,7 +14,7 @@ from fsw.imaging.maps import GeoMap
 from messages.environment import EphemerisMsg, PlanetOrientationMsg
 from messages.opnav import CameraImageMsg
 from messages.states import SCStatesMsg
-from sim.camera.earth_camera import EarthCamera, EarthCameraParams, Pose
+from sim.camera.earth_camera import EarthCamera, EarthCameraParams, EarthRenderer, Pose
 from tests.sim.camera.earth_rig import PLAIN, camera, centroids, dots, ecef, looking, project_cv, write_map
 
 Criterion = Callable[[str, float], None]
@@ -150,15 +150,11 @@ def test_noise_follows_the_seed_of_the_run(maps: GeoMap) -> None:
 
 
 def test_threads_do_not_change_the_picture(maps: GeoMap) -> None:
-    from sim.camera.earth_camera import EarthRenderer
-
     pose = looking(48.4, 3.1, 420e3, 20.0, 30.0)
     for interpolated in (False, True):
         params = EarthCameraParams(interpolated=interpolated)
-        one, four = (
-            EarthRenderer(camera(800.0, 320, 200), maps, params, workers=n).render(pose, ecef(48.5, 3.0))
-            for n in (1, 4)
-        )
+        pair = [EarthRenderer(camera(800.0, 320, 200), maps, params, workers=n) for n in (1, 4)]
+        one, four = (renderer.render(pose, ecef(48.5, 3.0)) for renderer in pair)
         assert np.array_equal(one.radiance, four.radiance)
 
 

@@ -158,7 +158,7 @@ def test_camera_inside_the_earth(tmp_path: Path) -> None:
 
 def test_sun_nowhere(tmp_path: Path) -> None:
     file = write_map(tmp_path / "map.tif", ramp(np.uint8, 3, 255), "EPSG:4326", PLACE)
-    renderer = EarthRenderer(CAMERA, GeoMap.open(file), EarthCameraParams())
+    renderer = EarthRenderer(CAMERA, GeoMap.open([file]), EarthCameraParams())
     with pytest.raises(ValueError, match="sun_E: expected a direction"):
         renderer.render(looking(48.5, 3.0, 420e3), np.zeros(3))
 

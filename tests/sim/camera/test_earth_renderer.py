@@ -69,7 +69,7 @@ def flat(folder: Path, value: int = 128, size_deg: float = 8.0) -> Path:
     )
 
 
-def drawn(files: Any, pose: Any, cam: Any, sun: Any = OVERHEAD, dem: Path | None = None, **params: Any) -> Any:
+def drawn(files: Any, pose: Any, cam: Any, sun: Any = OVERHEAD, dem: Any = None, **params: Any) -> Any:
     """Radiance and mask."""
     return EarthRenderer(cam, GeoMap.open(files, dem), EarthCameraParams(**params)).render(pose, sun)
 
