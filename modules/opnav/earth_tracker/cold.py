@@ -28,9 +28,7 @@ ZOOM = (0.3, 3.0)
 CV: Any = cv2
 
 
-def cold_start(
-    catalogue: Catalogue, lens: F64, photo: NDArray[np.uint8], start: Pose, P_pose: F64
-) -> Pose | None:
+def cold_start(catalogue: Catalogue, lens: F64, photo: NDArray[np.uint8], start: Pose, P_pose: F64) -> Pose | None:
     """Position and attitude from matched features: homography consensus, then SQPNP (Terzakis and Lourakis 2020).
 
     Args:
@@ -67,9 +65,7 @@ def cold_start(
     return resect(lens, ground[agree], np.ascontiguousarray(pixel[agree]))
 
 
-def _reachable(
-    catalogue: Catalogue, lens: F64, shape: tuple[int, int], start: Pose, P_pose: F64
-) -> NDArray[np.int64]:
+def _reachable(catalogue: Catalogue, lens: F64, shape: tuple[int, int], start: Pose, P_pose: F64) -> NDArray[np.int64]:
     """Features that the camera may see within 3 sigma of the expected pose."""
     height = max(float(np.linalg.norm(start.r_CE_E)) - 6.371e6, 1e5)
     shift = 3.0 * float(np.sqrt(max(np.linalg.eigvalsh(P_pose[:3, :3])[-1], 0.0)))

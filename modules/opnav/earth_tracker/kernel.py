@@ -202,14 +202,15 @@ def refine(
             for a in range(4):
                 for b in range(4):
                     normal[a, b] += weight[i, j] * line[a] * line[b]
-    if not (normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2 > 1e-6 * normal[0, 0] * normal[1, 1] and normal[2, 2] > 0.0):
+    product = normal[0, 0] * normal[1, 1]
+    if not (product - normal[0, 1] ** 2 > 1e-6 * product and normal[2, 2] > 0.0):
         return
     inverse = np.linalg.inv(normal)
     x, y = u, v
     wx, wy, best = np.empty(4), np.empty(4), np.empty(4)
     settled = False
     for _ in range(ROUNDS):
-        left, top = int(math.floor(x)), int(math.floor(y))
+        left, top = math.floor(x), math.floor(y)
         if left - half - 1 < 0 or top - half - 1 < 0 or left + half + 2 >= columns or top + half + 2 >= rows:
             return
         cubic(x - left, wx)

@@ -191,5 +191,3 @@ class Look:
         column, row = np.rint(out[:, :2]).astype(np.int64).T
         level = np.column_stack([self.levels[row, column], templates.level[which][good]]).astype(float)
         return Fine(settled, P_px, out[:, 6], out[:, 7] ** 2, level)
-
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,12 +18,10 @@ from modules.opnav.landmark_catalogue import Catalogue
 from modules.opnav.landmark_finder.render import scaled_lens
 from modules.opnav.landmark_finder.search import Pose, reach_px
 
-COARSE = 4
-"""The coarse search works on pixels this many times as large."""
 FINE_REACH_PX = 24
 """Errors of the expected pose beyond this take a coarse search first."""
-COARSE_REACH_PX = 400
-"""Beyond this, features are used that need no expectation."""
+COARSE = ((2, 48, 120), (4, 96, 520), (2, 96, 240))
+"""Coarse searches, in their order: pixels how many times as large; least and largest half-width of the search [px]."""
 AFTER_PX = 12
 """Half-width of the search after another one has found the pose."""
 LAST_PX = 5
@@ -33,21 +32,29 @@ MIN_AGREE = 12
 MIN_AGREE_COARSE = 8
 MIN_SHARE = 0.4
 """Least share of the matches of the last pass that agree."""
-MIN_MIDDLE = 0.35
+MIN_RIGHT = 0.6
+"""Least share of these that fit the pose within their covariances."""
+MIN_MIDDLE = 0.4
 """Least correlation of the middle of a match: a place under cloud may match by its surroundings."""
+VEILS = ((0.5, 0.3), (0.9, 0.5), (1.6, 0.7), (2.5, 0.8))
+"""A match is under cloud if it is brighter than the map says by more than the first number (in standard deviations of
+all matches) and has less than the second of their median contrast."""
 FLOOR_PX = 0.03
 """Standard deviation of what interpolation and quantisation leave, added to every match."""
+MAX_SIGMA_PX = 1.0
+"""Matches less certain than this are of no use."""
 GATE2 = 9.21
 """Squared length of a residual over its covariance that a right match exceeds once in a hundred."""
+GATE_ROUNDS = 10
 SETTLED_PX = 1.0
-MAX_MOVED_PX = 2.0 * LAST_PX
+"""The last pass is repeated, from the pose it found, if the landmarks' prediction moves by more than this."""
 CV: Any = cv2
 
 
 class Params(NamedTuple):
     """What a person may set; see the spec."""
 
-    most: int = 120
+    most: int = 160
     min_score: float = 0.3
     min_lead: float = 0.05
     sigma_map: float = 0.0
@@ -65,6 +72,19 @@ class Tracked(NamedTuple):
     """Matches before the consensus."""
     fit: Resection
     """The pose that they fix."""
+
+
+def veiled(fine: Fine) -> NDArray[np.bool_]:
+    """Which matches lie under cloud: brighter and flatter than the others, given the map."""
+    rows = np.column_stack([np.ones(len(fine.level)), fine.level[:, 1]])
+    weight, error = np.ones(len(rows)), fine.level[:, 0]
+    for _ in range(10):  # a line through the levels of map and photo, robust
+        line = np.linalg.lstsq(rows * weight[:, None], fine.level[:, 0] * weight, rcond=None)[0]
+        error = fine.level[:, 0] - rows @ line
+        spread = 1.4826 * float(np.median(np.abs(error))) + 1e-9
+        weight = (1.0 + (error / spread) ** 2) ** -0.25
+    brighter, contrast = error / spread, fine.contrast / np.median(fine.contrast)
+    return np.any([(brighter > b) & (contrast < c) for b, c in VEILS], axis=0)
 
 
 class Tracker:
@@ -94,9 +114,9 @@ class Tracker:
         ways: list[Callable[[], Pose | None]] = []
         if reach <= FINE_REACH_PX:
             ways.append(lambda: self._step(start, 1, max(8, int(np.ceil(reach)))))
-        if reach <= COARSE_REACH_PX:
-            wide = max(int(np.ceil(reach)), 4 * FINE_REACH_PX)
-            ways.append(lambda: self._step(start, COARSE, wide))
+        for coarse, least, largest in COARSE:
+            if reach <= largest:
+                ways.append(functools.partial(self._step, start, coarse, max(least, int(np.ceil(reach)))))
         ways.append(lambda: self._cold(start, P_pose))
         for number, way in enumerate(ways):
             pose = way()
@@ -111,7 +131,7 @@ class Tracker:
         self.watch.start()
         pose = cold_start(self.catalogue, self.lens, self.photo, start, P_pose)
         self.watch.stop("cold start")
-        return None if pose is None else self._step(pose, COARSE, 60) or self._step(pose, 1, 2 * AFTER_PX)
+        return None if pose is None else self._step(pose, 4, 60) or self._step(pose, 1, 2 * AFTER_PX)
 
     def _scale(self, pose: Pose) -> int:
         """How much smaller the image must be for the finest chips to be fine enough."""
@@ -166,6 +186,8 @@ class Tracker:
             if len(agree) < max(MIN_AGREE, MIN_SHARE * total):
                 return None
             fine = look.refine(templates, found.pick(agree), which[agree])
+            if len(fine.middle) < MIN_AGREE:
+                return None
             tracked = self._gate(look, fine, total, pose)
             if tracked is None:
                 return None
@@ -183,9 +205,9 @@ class Tracker:
         extra = FLOOR_PX**2 + (self.params.sigma_map * size / away) ** 2
         P_px = fine.P_px + extra[:, None, None] * np.eye(2)
         sigma = np.sqrt(0.5 * np.trace(P_px, axis1=1, axis2=2))
-        keep = np.flatnonzero((fine.middle >= MIN_MIDDLE) & (sigma <= 1.0))
-        grow, fit = 1.0, None
-        for _ in range(3):
+        keep = np.flatnonzero((fine.middle >= MIN_MIDDLE) & (sigma <= MAX_SIGMA_PX) & ~veiled(fine))
+        usable, grow, fit = len(keep), 1.0, None
+        for _ in range(GATE_ROUNDS):
             if len(keep) < MIN_AGREE:
                 return None
             fit = self._fit(look, fine.found.pick(keep), sigma[keep], pose)
@@ -198,7 +220,7 @@ class Tracker:
             if inside.all():
                 break
             keep = keep[inside]
-        if fit is None or len(keep) < max(MIN_AGREE, 0.5 * MIN_SHARE * total) or len(keep) != len(fit.inlier):
+        if fit is None or len(keep) < max(MIN_AGREE, MIN_RIGHT * usable) or len(keep) != len(fit.inlier):
             return None
         return Tracked(fine.found.pick(keep), marks.r_LE_E[fine.found.index[keep]], grow * P_px[keep], total, fit)
 
@@ -217,8 +239,6 @@ class Tracker:
         if scale == 1:
             return tracked
         found = tracked.found
-        found = found._replace(
-            seen=(found.seen + 0.5) * scale - 0.5, predicted=(found.predicted + 0.5) * scale - 0.5
-        )
+        found = found._replace(seen=(found.seen + 0.5) * scale - 0.5, predicted=(found.predicted + 0.5) * scale - 0.5)
         fit = tracked.fit._replace(residual_px=tracked.fit.residual_px * scale)
         return tracked._replace(found=found, P_px=tracked.P_px * scale**2, fit=fit)

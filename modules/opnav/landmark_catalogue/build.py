@@ -134,7 +134,8 @@ def build_catalogue(
     for done, (size, square) in enumerate(squares):
         cell = _picture(geo_map, square, size)
         if cell is not None:
-            marks += _landmarks(geo_map, cell, size, spacing)
+            # a view has few pixels of the coarser levels, so their landmarks are closer
+            marks += _landmarks(geo_map, cell, size, spacing if size == gsd else 2 * spacing // 3)
             features.append(_features(cell, size, spacing, detector))
         tick((done + 1) / len(squares))
     if not marks:
@@ -205,15 +206,17 @@ def _landmarks(geo_map: GeoMap, cell: _Cell, size: float, spacing: int) -> list[
     rows = _argmin_cells(worst, spacing, count)
     rows = rows[worst[rows[:, 1], rows[:, 0]] <= WORST_SIGMA]
     lat, lon, h = _places(cell, rows.astype(float))
-    own = _within(cell.region, lat, lon)
+    slope = _slopes(cell, rows.astype(float), size)
+    own = np.flatnonzero(_within(cell.region, lat, lon))
     found: list[Landmarks] = []
-    for (column, row), a, b, c in zip(rows[own].tolist(), lat[own], lon[own], h[own], strict=True):
-        chip, slope = _chip(geo_map, float(a), float(b), float(c), size)
+    for k in own.tolist():
+        a, b, c = float(lat[k]), float(lon[k]), float(h[k])
+        chip = _chip(geo_map, a, b, c, size)
         if chip is not None:
+            column, row = rows[k]
             bounds = np.array([[best[row, column], worst[row, column]]])
-            place = np.array([ecef_from_geodetic(float(a), float(b), float(c))])
             one = (np.array([v]) for v in (size, a, b, c))
-            found.append(Landmarks(chip[None], *one, slope[None], place, bounds))
+            found.append(Landmarks(chip[None], *one, slope[k : k + 1], np.array([ecef_from_geodetic(a, b, c)]), bounds))
     return found
 
 
@@ -244,23 +247,24 @@ def _places(cell: _Cell, pixel: F64) -> tuple[F64, F64, F64]:
     return at(cell.lat), np.remainder(at(unwrapped) + math.pi, 2.0 * math.pi) - math.pi, at(cell.h)
 
 
-def _chip(geo_map: GeoMap, lat: float, lon: float, h: float, size: float) -> tuple[NDArray[np.uint8] | None, F64]:
-    """Chip (CHIP, CHIP) of a place, or None where the map does not fill it; and the slope of the ground (2,)."""
+def _slopes(cell: _Cell, pixel: F64, size: float) -> F64:
+    """Rise of the ground to east and north (n, 2), over a chip's width around pixels (n, 2) of a square's picture."""
+    reach, last = 0.4 * CHIP, cell.grey.shape[0] - 1.001
+
+    def height(dx: float, dy: float) -> F64:
+        return _places(cell, np.clip(pixel + np.array([dx, dy]), 0.0, last))[2]
+
+    rise = np.column_stack([height(reach, 0.0) - height(-reach, 0.0), height(0.0, -reach) - height(0.0, reach)])
+    return rise / (2.0 * reach * size)
+
+
+def _chip(geo_map: GeoMap, lat: float, lon: float, h: float, size: float) -> NDArray[np.uint8] | None:
+    """Chip (CHIP, CHIP) of a place, or None where the map does not fill it."""
     nodes = (CHIP - 1) // STEP + 2
     lats, lons = np.empty((nodes, nodes)), np.empty((nodes, nodes))
     plane_nodes(lat, lon, h, size, 0.5 * (CHIP - 1), STEP, lats, lons)
     colour, mask, _ = sample_map(geo_map, lats, lons, (CHIP, CHIP))
-    if not mask.all():
-        return None, np.zeros(2)
-    slope = np.zeros(2)
-    grid = None if geo_map.terrain is None else geo_map.height_grid(lats, lons)
-    if grid is not None:
-        ends = [[height_at(*grid, float(lats[i, j]), float(lons[i, j])) for j in (2, -3)] for i in (2, -3)]
-        base = size * STEP * (nodes - 5)
-        east = 0.5 * (ends[0][1] + ends[1][1] - ends[0][0] - ends[1][0]) / base
-        north = 0.5 * (ends[0][0] + ends[0][1] - ends[1][0] - ends[1][1]) / base
-        slope = np.nan_to_num(np.array([east, north]))
-    return CV.cvtColor(colour, cv2.COLOR_RGB2GRAY), slope
+    return CV.cvtColor(colour, cv2.COLOR_RGB2GRAY) if mask.all() else None
 
 
 def _features(cell: _Cell, size: float, spacing: int, detector: str) -> MapFeatures:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from rasterio.enums import Resampling
 from rasterio.transform import Affine
 
 from fsw.imaging.maps import GeoMap
@@ -91,15 +90,15 @@ class Shot(NamedTuple):
 
     def pixels(self, r_LE_E: F64) -> F64:
         """Where places (n, 3) truly are in the photo, by OpenCV."""
-        k = np.array([[self.camera.focal_px[0], 0, self.camera.center_px[0]], [0, self.camera.focal_px[1], 0], [0, 0, 1]])
-        k[1, 2] = self.camera.center_px[1]
+        (fx, fy), (cx, cy) = self.camera.focal_px, self.camera.center_px
+        k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         there = (r_LE_E - self.r_CE_E) @ self.dcm_CE.T
         turn = CV.Rodrigues(np.eye(3))[0]
         return CV.projectPoints(there, turn, np.zeros(3), k, self.camera.distortion)[0].reshape(-1, 2)
 
 
 def pose_over(lat: float, lon: float, height: float, off_nadir: float, azimuth: float, turn: float) -> tuple[F64, F64]:
-    """A camera that sees a place [rad] in the middle, from a height [m], ``off_nadir`` [rad] and azimuth of its track."""
+    """A camera that sees a place [rad] in the middle, ``off_nadir`` [rad] from a height [m], from an azimuth."""
     axes = np.empty((3, 3))
     enu_dcm(lat, lon, axes)
     target = np.array(ecef_from_geodetic(lat, lon, 0.0))
