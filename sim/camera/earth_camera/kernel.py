@@ -31,7 +31,7 @@ def _arctan_series() -> F64:
     """Coefficients of atan(t) / t in powers of t^2 up to tan(22.5 deg): interpolated at Chebyshev points, 1e-15."""
     high = _TAN_22**2
     fit = np.polynomial.Chebyshev.interpolate(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 10, domain=[0.0, high])
-    return fit.convert(kind=np.polynomial.Polynomial).coef
+    return np.asarray(fit.convert(kind=np.polynomial.Polynomial).coef, np.float64)
 
 
 C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10 = (float(c) for c in _arctan_series())

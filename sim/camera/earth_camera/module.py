@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fsw import In, Module, Out
 from fsw.imaging.maps import GeoMap
 from fsw.math.attitude import mrp_to_dcm
+from fsw.math.vectors import vec3
 from messages.environment import EphemerisMsg, PlanetOrientationMsg
 from messages.opnav import CameraConfigMsg, CameraImageMsg
 from messages.states import SCStatesMsg
@@ -63,11 +64,11 @@ class EarthCamera(Module):
             ValueError: if the camera is inside the Earth.
             MapError: if a map file cannot be read.
         """
-        state, orientation, sun = (port.latest() for port in (self.in_state, self.in_orientation, self.in_sun))
+        state, orientation, sun = self.in_state.latest(), self.in_orientation.latest(), self.in_sun.latest()
         if state is None or orientation is None or sun is None:
             return
-        ages = [(t_ns - port.t_ns) / 1e9 for port in (self.in_state, self.in_orientation)]
-        motion = motion_at(state, orientation, ages[0], ages[1])
+        since = [(t_ns - (port.t_ns or 0)) / 1e9 for port in (self.in_state, self.in_orientation)]
+        motion = motion_at(state, orientation, since[0], since[1])
         sun_E = motion.dcm_EN @ (sun.r_PN_N - motion.r_BN_N)
         radiance = self.renderer.render(self.exposures(motion), sun_E).radiance
         if not self.params.colour:
@@ -93,7 +94,7 @@ class EarthCamera(Module):
 def motion_at(state: SCStatesMsg, orientation: PlanetOrientationMsg, age_s: float, turned_s: float) -> Motion:
     """The motion at an instant, from messages that are older by these times [s]."""
     one = np.zeros(1)
-    dcm_BN = np.array(mrp_to_dcm(tuple(map(float, state.sigma_BN))))
+    dcm_BN = np.array(mrp_to_dcm(vec3(state.sigma_BN)))
     then = Motion(state.r_BN_N, state.v_BN_N, dcm_BN, state.omega_BN_B, orientation.dcm_EN, orientation.omega_EN_N)
     if age_s == 0.0 and turned_s == 0.0:
         return then

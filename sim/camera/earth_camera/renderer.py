@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -149,8 +149,9 @@ class EarthRenderer:
         rays = np.stack([x, y, np.ones(x.shape)], axis=-1).reshape(-1, 3)
         rays = rays[np.isfinite(rays).all(axis=1)] @ before.dcm_CE[0]
         seen = np.empty_like(rays)
+        x0, y0, z0 = (float(c) for c in before.r_CE_E[0])
         for k, d in enumerate(rays / np.linalg.norm(rays, axis=1, keepdims=True)):
-            distance = ray_to_spheroid(*map(float, before.r_CE_E[0]), *map(float, d), 0.0)
+            distance = ray_to_spheroid(x0, y0, z0, float(d[0]), float(d[1]), float(d[2]), 0.0)
             seen[k] = before.r_CE_E[0] + (1e12 if math.isnan(distance) else distance) * d
         pixels = [np.empty((len(seen), 2)) for _ in range(2)]
         for pose, out in zip((before, after), pixels, strict=True):
@@ -208,7 +209,11 @@ class EarthRenderer:
             if self.params.interpolated and self._lattice is None:
                 self._interpolate(nodes, views, image, todo, pool.map)
             boxes = [box for top in range(0, self.shape[0], BAND) if (box := _box(todo, top)) is not None]
-            sky = list(pool.map(lambda box: self._tile(lens, pose, sun, terrain, views, box, image, todo, mask), boxes))
+
+            def tile(box: tuple[int, int, int, int]) -> bool:
+                return self._tile(lens, pose, sun, terrain, views, box, image, todo, mask)
+
+            sky = list(pool.map(tile, boxes))
         if any(sky) and self.params.star_gain > 0.0:
             u_N, light = self._stars
             count = max(len(pose.dcm_CE), len(pose.dcm_EN))
@@ -218,7 +223,7 @@ class EarthRenderer:
         return image, mask
 
     def _interpolate(
-        self, nodes: _Nodes, views: Sequence[View], image: F32, todo: U8, spread: Callable[..., object]
+        self, nodes: _Nodes, views: Sequence[View], image: F32, todo: U8, spread: Callable[..., Iterable[object]]
     ) -> None:
         """Draw the cells where everything but the map itself may be interpolated."""
         cells = nodes.lat.shape[0] - 1, nodes.lat.shape[1] - 1
@@ -227,7 +232,8 @@ class EarthRenderer:
         free = np.ones(cells, np.uint8)
         for view in views:
             use = np.zeros(cells, np.uint8)
-            smooth_cells(view.at, view.prints, *view.window.levels[0, 1:], GRID_ERROR, free, use)
+            rows, columns = (int(n) for n in view.window.levels[0, 1:])
+            smooth_cells(view.at, view.prints, rows, columns, GRID_ERROR, free, use)
             bands = np.flatnonzero(use.any(axis=1)).tolist()
             list(spread(functools.partial(_cells, view, use, colour, image, todo), bands))
 

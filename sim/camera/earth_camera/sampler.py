@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ MAX_TAPS = 8
 """Samples along the long axis of a stretched footprint."""
 COARSEST = -1.6
 """Octave of the map below which cells are not interpolated: OpenCV rounds places to 1/32 px of the map."""
+Number: TypeAlias = Any
+"""A number of the width that its caller chose."""
 FOUR: TypeAlias = tuple[float, float, float, float]
 
 
@@ -158,7 +160,7 @@ def fetch_inside(pixels: U16, start: int, columns: int, x: float, y: float) -> F
 
 
 @compiled
-def weighed(pixels: U16, a: int, b: int, c: int, d: int, u: float, v: float) -> FOUR:
+def weighed(pixels: U16, a: Number, b: Number, c: Number, d: Number, u: Number, v: Number) -> Any:
     """The bilinear mean of four pixels; they are unsigned, so that numba need not look for negative indices."""
     wd = u * v
     wb, wc = u - wd, v - wd
@@ -451,7 +453,7 @@ def light_cells(
 
 
 @compiled
-def _edge(colour: F32, n: int, m: int, k: int, q: float, per: float) -> tuple[float, float]:
+def _edge(colour: F32, n: int, m: int, k: int, q: Number, per: Number) -> tuple[float, float]:
     """A number of `node_colours` at the left edge of a cell, q below its top, and its slope to the right."""
     left = colour[n, m, k] + q * (colour[n + 1, m, k] - colour[n, m, k])
     right = colour[n, m + 1, k] + q * (colour[n + 1, m + 1, k] - colour[n, m + 1, k])

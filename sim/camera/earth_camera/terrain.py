@@ -36,7 +36,7 @@ class Terrain(NamedTuple):
 def terrain_of(grid: HeightGrid) -> Terrain:
     """Heights as rays need them."""
     h = grid.heights
-    lat = grid.lat0 + grid.dlat * np.arange(h.shape[0])
+    lat: F64 = grid.lat0 + grid.dlat * np.arange(h.shape[0], dtype=np.float64)
     per_east = 1.0 / (A * abs(grid.dlon) * np.maximum(np.cos(lat), 0.01))[:, None]
     east = np.gradient(h, axis=1) * per_east * np.sign(grid.dlon)
     north = np.gradient(h, axis=0) / (A * grid.dlat)

@@ -81,7 +81,7 @@ def viewpoint(scene: Scene) -> tuple[F64, F64]:
         back = math.cos(incidence) * up - math.sin(incidence) * ahead
         start = target + 1e8 * back
         shell = 1e3 * scene.height_km
-        r = start - ray_to_spheroid(*start.tolist(), *(-back).tolist(), shell) * back
+        r = start - _distance(start, -back, shell) * back
         z = -back
         y_up = math.cos(incidence) * ahead + math.sin(incidence) * up
     else:
@@ -89,6 +89,11 @@ def viewpoint(scene: Scene) -> tuple[F64, F64]:
         z = math.sin(off) * ahead - math.cos(off) * up
         y_up = math.cos(off) * ahead + math.sin(off) * up
     return r, np.array([np.cross(z, y_up), -y_up, z])
+
+
+def _distance(r: F64, d: F64, height: float) -> float:
+    x, y, z = (float(c) for c in r)
+    return ray_to_spheroid(x, y, z, float(d[0]), float(d[1]), float(d[2]), height)
 
 
 @dataclass(frozen=True)
