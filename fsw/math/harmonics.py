@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -143,14 +144,43 @@ def _number(text: str) -> float:
     return float(text.lower().replace("d", "e"))
 
 
-def read_icgem(path: Path | str, degree: int = MAX_DEGREE) -> GravityField:
-    """Read a static gravity field in the format of ICGEM (``.gfc``; Barthelmes and Foerste, 2011).
+def _years(day: str, epoch_ns: int) -> float:
+    """Years of 365.25 days from a date of a file, yyyymmdd or yyyymmdd.hhmm, to an epoch."""
+    clock = f"{day[9:]:0<4}"
+    whole = date(int(day[:4]), int(day[4:6]), int(day[6:8])).toordinal() - date(2000, 1, 1).toordinal()
+    start = whole - 0.5 + (60 * int(clock[:2]) + int(clock[2:4])) / 1440.0
+    return (epoch_ns / 86_400e9 - start) / 365.25
+
+
+def _factor(words: list[str], dated: bool, starts: dict[str, str], epoch_ns: int) -> float | None:
+    """What the coefficients of a line count at an epoch if they vary with time; None if the line is of another time.
+
+    In version 2 of the format (``dated``) each line ends in the dates it is for, in version 1 only those of ``gfct``
+    in their date 0, which ``starts`` keeps.
+    """
+    kind, which, rest = words[0], "/".join(words[1:3]), words[5:]
+    period = _number(rest.pop()) if kind in ("asin", "acos") else math.inf
+    if dated:
+        if not _years(rest[-2], epoch_ns) >= 0.0 > _years(rest[-1], epoch_ns):
+            return None
+        starts[which] = rest[-2]
+    elif kind == "gfct":
+        starts[which] = rest[-1]
+    years = _years(starts[which], epoch_ns)
+    angle = 2.0 * math.pi * years / period
+    return {"gfct": 1.0, "trnd": years, "asin": math.sin(angle), "acos": math.cos(angle)}[kind]
+
+
+def read_icgem(path: Path | str, degree: int = MAX_DEGREE, epoch_ns: int | None = None) -> GravityField:
+    """Read a gravity field in the format of ICGEM (``.gfc``; Barthelmes and Foerste, 2011; versions 1 and 2).
 
     Args:
         path: the file. degree: highest degree wanted, 2 to 50; fewer if the file has fewer.
+        epoch_ns: for a field that varies with time, when: TAI ns since 2000-01-01T12:00:00 TAI.
 
     Raises:
-        ValueError: if the file is not of the format, not fully normalised, varies with time, or lacks a coefficient.
+        ValueError: if the file is not of the format, not fully normalised, varies with time and there is no epoch, or
+            lacks a coefficient (at the epoch).
     """
     if not 2 <= degree <= MAX_DEGREE:
         raise ValueError(f"degree: expected 2 to {MAX_DEGREE}, got {degree}")
@@ -167,12 +197,22 @@ def read_icgem(path: Path | str, degree: int = MAX_DEGREE) -> GravityField:
         mu, radius = _number(known[constant]), _number(known["radius"])
         n_max = min(degree, int(known["max_degree"]))
         c, s = np.full((SIZE, SIZE), np.nan), np.full((SIZE, SIZE), np.nan)
+        dated, starts = known.get("format", "").lower() == "icgem2.0", dict[str, str]()
         for words in (line.split() for line in body.splitlines()[1:] if line.strip()):
+            if words[0] not in ("gfc", "gfct", "trnd", "asin", "acos"):
+                raise ValueError(f"expected lines gfc, gfct, trnd, asin or acos, got {words[0]}")
+            n, m, factor = int(words[1]), int(words[2]), 1.0
+            if n > n_max or m > n:
+                continue
             if words[0] != "gfc":
-                raise ValueError(f"expected lines gfc of a static field, got {words[0]}; choose a static model")
-            n, m = int(words[1]), int(words[2])
-            if n <= n_max and m <= n:
-                c[n, m], s[n, m] = _number(words[3]), _number(words[4])
+                if epoch_ns is None:
+                    raise ValueError("the field varies with time: give the epoch_ns, or choose a static one")
+                found = _factor(words, dated, starts, epoch_ns)
+                if found is None:
+                    continue
+                factor = found
+            old = (0.0, 0.0) if words[0] in ("gfc", "gfct") else (c[n, m], s[n, m])
+            c[n, m], s[n, m] = old[0] + factor * _number(words[3]), old[1] + factor * _number(words[4])
     except (KeyError, IndexError, ValueError) as error:
         raise ValueError(f"{path.name}: not a gravity field in ICGEM format: {error}") from error
     c[0, 0], s[0, 0] = 1.0, 0.0

@@ -194,7 +194,7 @@ def run(args: argparse.Namespace) -> int:
     fields = [args.gravity] if args.gravity is not None else shipped("gravity")
     if not fields:
         raise ValueError("there is no shipped gravity field here; give one in ICGEM format with --gravity")
-    field = read_icgem(fields[0], args.degree)
+    field = read_icgem(fields[0], args.degree, int(arc.epoch_ns[0]))
     eop = earth_parameters(arc, args.eop, args.ut1_utc)
     surface: Surfaces = "drag" if args.drag else "light" if args.light else "none"
     height = float(np.linalg.norm(arc.r, axis=1).mean()) - 6371e3

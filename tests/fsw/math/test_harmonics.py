@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fsw.math.compiled import plain
+from fsw.math.epoch import epoch
 from fsw.math.gravity import zonal_acceleration, zonal_potential
 from fsw.math.harmonics import SIZE, GravityField, harmonic_acceleration, harmonic_potential, read_icgem
 
@@ -150,6 +151,48 @@ def test_damaged_files(old: str, new: str, text: str, tmp_path: Path) -> None:
     path.write_text(whole.replace(old, new))
     with pytest.raises(ValueError, match=text):
         read_icgem(path)
+
+
+HEAD = "earth_gravity_constant 3.986004415e14\nradius 6378136.3\nmax_degree 2\nnorm fully_normalized\n"
+FIRST = """
+gfct 2 0 -4.84e-04 0.0 1e-13 0.0 20050101
+trnd 2 0 2.0e-11 0.0 1e-13 0.0
+acos 2 0 4.0e-11 0.0 1e-13 0.0 1.0
+asin 2 0 -3.0e-11 0.0 1e-13 0.0 1.0
+gfc 2 1 -2.0e-10 1.4e-09 1e-13 1e-13
+gfct 2 2 2.4e-06 -1.4e-06 1e-13 1e-13 20050101
+trnd 2 2 0.0 1.0D-11 1e-13 1e-13
+"""
+SECOND = """
+gfct 2 0 -4.00e-04 0.0 1e-13 0.0 19500101.0000 20050101.0000
+gfct 2 0 -4.84e-04 0.0 1e-13 0.0 20050101.0000 20500101.0000
+trnd 2 0 2.0e-11 0.0 1e-13 0.0 20050101.0000 20500101.0000
+trnd 2 0 9.0e-11 0.0 1e-13 0.0 19500101.0000 20050101.0000
+acos 2 0 4.0e-11 0.0 1e-13 0.0 20050101.0000 20500101.0000 1.0
+asin 2 0 -3.0e-11 0.0 1e-13 0.0 20050101.0000 20500101.0000 1.0
+gfc 2 1 -2.0e-10 1.4e-09 1e-13 1e-13
+gfct 2 2 2.4e-06 -1.4e-06 1e-13 1e-13 20050101.0000 20500101.0000
+trnd 2 2 0.0 1.0D-11 1e-13 1e-13 20050101.0000 20500101.0000
+"""
+
+
+@pytest.mark.parametrize(("form", "lines"), [("icgem1.0", FIRST), ("icgem2.0", SECOND)])
+def test_a_field_that_varies_with_time(form: str, lines: str, tmp_path: Path) -> None:
+    """Drift and yearly wave, by hand: ten years and a quarter after the date 0 the cosine is 0 and the sine 1."""
+    path = tmp_path / "field.gfc"
+    path.write_text(f"begin_of_head\nformat {form}\n{HEAD}end_of_head ===={lines}")
+    start = epoch("2005-01-01T00:00:00", "tai")
+    later = start + round(10.25 * 365.25 * 86400e9)
+    field = read_icgem(path, epoch_ns=later)
+    assert field.C[2, 0] == pytest.approx(-4.84e-4 + 20.5e-11 - 3e-11, rel=1e-15)
+    assert (field.C[2, 1], field.S[2, 1], field.C[2, 2]) == (-2e-10, 1.4e-9, 2.4e-6)
+    assert field.S[2, 2] == pytest.approx(-1.4e-6 + 10.25e-11, rel=1e-13)
+    assert read_icgem(path, epoch_ns=start).C[2, 0] == pytest.approx(-4.84e-4 + 4e-11, rel=1e-15)
+    with pytest.raises(ValueError, match=r"field\.gfc: .* the field varies with time: give the epoch_ns"):
+        read_icgem(path)
+    if form == "icgem2.0":
+        with pytest.raises(ValueError, match="none of n=2, m=0"):
+            read_icgem(path, epoch_ns=epoch("2060-01-01", "tt"))
 
 
 def test_a_field_of_the_moon_with_words_before_its_head(tmp_path: Path) -> None:
