@@ -301,6 +301,8 @@ def main(argv: list[str] | None = None) -> int:
         if hasattr(args, "debug"):
             traceback.print_exc()
         text = str(error) if " " in str(error) else f"{type(error).__name__}: {error}"
+        if isinstance(error, OSError) and error.filename is not None:
+            text = f"{error.filename}: {error.strerror}"
         print(f"fsw: {text}", file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
 
