@@ -2,8 +2,8 @@
 
 What is timed is `EarthRenderer.render` from poses to radiance in three channels: rays, places on WGS84, map projection,
 sampling, sunlight and haze, with the window of the map in memory, on two threads. Reading map files, the rays of the
-lens (once for a camera) and the detector are not in it. Cases take turns; the least and the median of the wall times are shown,
-and the processor time of both threads, half of which is the least that two idle cores would need.
+lens (once for a camera) and the detector are not in it. Cases take turns. Shown are the least and the median of the
+wall times, and the processor time of both threads, half of which is the least that two idle cores would need.
 """
 
 from __future__ import annotations

@@ -71,6 +71,10 @@ SCENES = {
 }  # fmt: skip
 
 
+def _nothing() -> dict[str, Any]:
+    return {}
+
+
 @dataclass(frozen=True)
 class Effect:
     """One picture of a scene.
@@ -87,9 +91,9 @@ class Effect:
 
     name: str
     title: str
-    params: dict[str, Any] = field(default_factory=dict)
-    lens: dict[str, Any] = field(default_factory=dict)
-    change: dict[str, Any] = field(default_factory=dict)
+    params: dict[str, Any] = field(default_factory=_nothing)
+    lens: dict[str, Any] = field(default_factory=_nothing)
+    change: dict[str, Any] = field(default_factory=_nothing)
     omega_B: F64 = field(default_factory=lambda: np.zeros(3))
     terrain: bool = False
 
