@@ -34,7 +34,7 @@ from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule
 from fsw.ports import collect_wiring_errors
 from fsw.simulation import Simulation
-from fsw.tools import fit_orbit, limb, scaffold, specs
+from fsw.tools import fit_orbit, limb, scaffold, specs, vision
 from messages.base import Message, ObjectMessage, fields_of, json_schema
 
 SCENARIO = "a module such as sim.scenarios.hill_pointing, or a .py file"
@@ -194,12 +194,16 @@ def compile_kernels(args: argparse.Namespace) -> int:
     return 0
 
 
-def find_limb(args: argparse.Namespace) -> int:
-    """Find the disks of planets and moons in an image."""
-    try:
-        return limb.run(args)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
+def usable(action: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """An action whose ValueErrors are about what it was given."""
+
+    def act(args: argparse.Namespace) -> int:
+        try:
+            return action(args)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+
+    return act
 
 
 def info(args: argparse.Namespace) -> int:
@@ -275,7 +279,13 @@ def parser() -> argparse.ArgumentParser:
     fit_orbit.add_arguments(
         add("fit-orbit", fit_orbit.run, "fit an orbit of the Earth to a file of positions", fit_orbit.EXAMPLE)
     )
-    limb.add_arguments(add("limb", find_limb, "find disks of planets and moons in an image", limb.EXAMPLE))
+    limb.add_arguments(add("limb", usable(limb.run), "find disks of planets and moons in an image", limb.EXAMPLE))
+    made = add("features", usable(vision.features), "find features in an image", vision.FEATURES_EXAMPLE)
+    vision.features_arguments(made)
+    made = add("catalogue", usable(vision.catalogue), "make a landmark catalogue from maps", vision.CATALOGUE_EXAMPLE)
+    vision.catalogue_arguments(made)
+    made = add("geolocate", usable(vision.geolocate), "find where a photo was taken", vision.LOCATE_EXAMPLE)
+    vision.locate_arguments(made)
     add("info", info, "show versions, the compile cache and what is here", "info")
     return top
 

@@ -27,7 +27,7 @@ ZOOM = (0.8, 1.8)
 BLUR_PX = 1.0
 GAIN = 10.0
 THIRD = (2 * HALF + 1) // 6
-WINDOW_SIGMA = 0.6
+WINDOW_SIGMA = 0.9
 """Standard deviation of the weights of the fine matching, to HALF."""
 CV: Any = cv2
 
