@@ -14,7 +14,7 @@ import sys
 import sysconfig
 import types
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -93,10 +93,26 @@ def _globals_used(function: types.FunctionType) -> list[tuple[str, Any]]:
     return found
 
 
-def can_raise(function: Any) -> bool:
-    """Whether the compiled code of a function contains a raise or an assert."""
-    codes = [f.__code__ for f in reachable(function)[0]]
-    return any(step.opname == "RAISE_VARARGS" for c in codes for step in dis.get_instructions(c))
+def source_digest(functions: Iterable[Any], files: Iterable[str] = ()) -> Any:
+    """Digest of all code and constants that functions reach, of more files, of the versions and the processor."""
+    import llvmlite.binding as llvm
+
+    key, all_files = hashlib.sha256(), set(files)
+    for function in functions:
+        reached, constants = reachable(function)
+        all_files |= {f.__code__.co_filename for f in reached}
+        for text in sorted(constants):
+            key.update(text.encode())
+        for f in reached:  # a function made in a notebook or by exec has no file: its code stands for it
+            key.update(f.__code__.co_code)
+            key.update(repr([c for c in f.__code__.co_consts if not isinstance(c, types.CodeType)]).encode())
+    for file in sorted(all_files):
+        path = Path(file)
+        key.update(path.read_bytes() if path.is_file() else file.encode())
+    versions = [importlib.metadata.version(p) for p in ("numba", "llvmlite", "numpy")]
+    machine = [platform.machine(), sys.version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()]
+    key.update(json.dumps([versions, machine, OPTIONS]).encode())
+    return key
 
 
 class Unit(msgspec.Struct, frozen=True, dict=True):
@@ -115,25 +131,10 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
     @functools.cached_property
     def key(self) -> str:
         """Digest of the source, every file and constant in reach, the row layouts, the versions and the processor."""
-        import llvmlite.binding as llvm
-
-        key = hashlib.sha256()
-        files = {str(Path(__file__).with_name(name)) for name in ("native.py", "intrinsics.py", "cache.py")}
-        for function in self.reach.values():
-            functions, constants = reachable(function)
-            files |= {f.__code__.co_filename for f in functions}
-            for text in sorted(constants):
-                key.update(text.encode())
-            for f in functions:  # a function made in a notebook or by exec has no file: its code stands for it
-                key.update(f.__code__.co_code)
-                key.update(repr([c for c in f.__code__.co_consts if not isinstance(c, types.CodeType)]).encode())
-        for file in sorted(files):
-            path = Path(file)
-            key.update(path.read_bytes() if path.is_file() else file.encode())
-        versions = [importlib.metadata.version(p) for p in ("numba", "llvmlite", "numpy")]
-        machine = [platform.machine(), sys.version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()]
+        own = [str(Path(__file__).with_name(name)) for name in ("native.py", "intrinsics.py", "cache.py")]
+        key = source_digest(self.reach.values(), own)
         layouts = [str(d.descr) + str(d.itemsize) for d in self.dtypes]
-        key.update(json.dumps([self.source, layouts, versions, machine, OPTIONS]).encode())
+        key.update(json.dumps([self.source, layouts]).encode())
         return key.hexdigest()[:24]
 
     @property

@@ -29,11 +29,22 @@ class Compiled(Generic[P, R]):
         functools.update_wrapper(self, function)
         self.py_func = function
 
-    @functools.cached_property
-    def _dispatcher(self) -> Any:
+    def _jit(self) -> Any:
         import numba
 
         return cast(Any, numba).njit(self.py_func, **OPTIONS)
+
+    @functools.cached_property
+    def _dispatcher(self) -> Any:
+        """For compiled callers, which may then be optimised together with it."""
+        return self._jit()
+
+    @functools.cached_property
+    def _entry(self) -> Any:
+        """For callers in Python; its machine code is kept on disk."""
+        from fsw.math.function_cache import keep_on_disk
+
+        return keep_on_disk(self._jit())
 
     @property
     def _numba_type_(self) -> Any:
@@ -44,7 +55,7 @@ class Compiled(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the compiled function."""
-        return self._dispatcher(*args, **kwargs)
+        return self._entry(*args, **kwargs)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:

@@ -195,3 +195,44 @@ def test_a_kernel_that_needs_the_run_time_library_of_the_compiler(tmp_path: Path
     assert value == 13.0
     assert "compiling __main__.Scaler" in error
     assert project.run() == (13.0, "")
+
+
+FUNCTIONS = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {folder!r})
+from outer import outer
+print(outer(3.0))
+"""
+
+
+def call_outer(folder: Path, **environment: str) -> str:
+    """What a new process prints that calls ``outer(3.0)``."""
+    script = folder / "run.py"
+    script.write_text(FUNCTIONS.format(folder=str(folder)))
+    env = {**os.environ, "FSW_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(ROOT), **environment}
+    done = subprocess.run([sys.executable, str(script)], env=env, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return done.stdout.strip()
+
+
+def test_functions_called_from_python_are_kept_and_never_stale(tmp_path: Path) -> None:
+    """The second process reads what the first compiled; a change of a function that is called elsewhere is seen."""
+    head = "from fsw.math.compiled import compiled\n"
+    (tmp_path / "inner.py").write_text(head + "@compiled\ndef inner(x):\n    return 2.0 * x\n")
+    (tmp_path / "outer.py").write_text(
+        head + "from inner import inner\n@compiled\ndef outer(x):\n    return inner(x) + 1.0\n"
+    )
+    assert call_outer(tmp_path) == "7.0"
+    kept = sorted((tmp_path / "cache" / "functions").iterdir())
+    assert [p.suffix for p in kept] == [".nbc", ".nbi"]
+    written = kept[0].stat().st_mtime_ns
+    assert call_outer(tmp_path) == "7.0"
+    assert kept[0].stat().st_mtime_ns == written
+    (tmp_path / "inner.py").write_text(head + "@compiled\ndef inner(x):\n    return 3.0 * x\n")
+    assert call_outer(tmp_path) == "10.0"
+    for path in kept:
+        path.write_bytes(b"damaged")
+    (tmp_path / "inner.py").write_text(head + "@compiled\ndef inner(x):\n    return 2.0 * x\n")
+    assert call_outer(tmp_path) == "7.0"
+    assert call_outer(tmp_path, FSW_CACHE_DIR="/proc/nowhere") == "7.0"
