@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from scipy.special import ellipj
 
 from fsw import Module, ModuleError, Out, Simulation, Task, s
 from fsw.math.gravity import J2_EARTH, MU_EARTH, RADIUS_EARTH
@@ -185,6 +186,26 @@ def test_free_precession_of_a_symmetric_body(criterion: Criterion) -> None:
     angle = (600.0 - 800.0) / 800.0 * 0.05 * state.t_s
     expected = np.stack([0.02 * np.cos(angle), 0.02 * np.sin(angle), np.full(len(angle), 0.05)], axis=1)
     criterion("SPACECRAFT-7", float(np.max(np.abs(state["omega_BN_B"] - expected))))
+
+
+@pytest.mark.parametrize("method", [{"max_step": 0.1}, {"tolerance": 1e-13}])
+def test_flips_about_the_intermediate_axis(method: dict[str, float]) -> None:
+    """Jacobi's elliptic functions (Landau and Lifshitz, "Mechanics", sec. 37), with energy and momentum conserved."""
+    a, b, c = 2.0, 3.0, 4.0
+    w1, w3 = 0.0707, 0.05
+    twice_energy, square = a * w1**2 + c * w3**2, (a * w1) ** 2 + (c * w3) ** 2
+    rate = np.sqrt((c - b) * (square - twice_energy * a) / (a * b * c))
+    m = (b - a) * (twice_energy * c - square) / ((c - b) * (square - twice_energy * a))
+    start = np.array([w1, 0.0, w3])
+    state, conserved = run(spacecraft(omega=start, inertia=np.diag([a, b, c]), **method), 900.0, 1.0)
+    sn, cn, dn, _ = ellipj(rate * state.t_s, m)
+    top = np.sqrt((twice_energy * c - square) / (b * (c - b)))
+    expected = np.stack([w1 * cn, top * sn, w3 * dn], axis=1)
+    assert expected[:, 1].min() < -0.9 * top and expected[:, 1].max() > 0.9 * top
+    np.testing.assert_allclose(state["omega_BN_B"], expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(conserved["energy_rotation"], twice_energy / 2.0, rtol=1e-11)
+    turned = np.linalg.norm(conserved["momentum_rotation_N"] - conserved["momentum_rotation_N"][0], axis=1)
+    assert turned.max() < 1e-8 * np.sqrt(square)
 
 
 def test_angular_acceleration_and_first_output() -> None:
