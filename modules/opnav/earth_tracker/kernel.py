@@ -180,7 +180,7 @@ def refine(
         v: row likewise.
         work: scratch, (2 h + 1, 2 h + 1).
         out: out, OUT numbers: column, row [px]; covariance xx, xy, yy [px^2]; weighted normalised correlation; the same
-            of the middle, a third as wide; gain of the middle. NaN if it does not settle within 2 px of the start.
+            of the middle, a third as wide; gain. NaN if it does not settle within 2 px of the start.
     """
     half = weight.shape[0] // 2
     rows, columns = photo.shape
@@ -309,7 +309,7 @@ def _judge(
     out[5] = pt / math.sqrt(max(pp * tt, 1e-12))
     spread = (spp - sp * sp / n) * (stt - st * st / n)
     out[6] = (spt - sp * st / n) / math.sqrt(max(spread, 1e-12))
-    out[7] = (spt - sp * st / n) / max(stt - st * st / n, 1e-12)
+    out[7] = best[2]
 
 
 @compiled

@@ -58,7 +58,7 @@ class Fine(NamedTuple):
     middle: F64
     """(n,) correlation of the innermost third."""
     contrast: F64
-    """(n,) contrast of the innermost third to the map's."""
+    """(n,) contrast to the map's."""
     level: F64
     """(n, 2) mean grey level of the innermost third, in the photo and on the map."""
 
@@ -135,6 +135,8 @@ class Look:
         centre = np.rint(predicted).astype(np.int64)
         self.watch.stop("query")
         reach = HALF + MARGIN
+        if not len(index):
+            return Templates(index, predicted, centre, np.empty((0, 2 * HALF + 3, 2 * HALF + 3), np.uint8), np.empty(0))
         nodes = np.empty((len(index), 3, 3, 2))
         places = (np.ascontiguousarray(part[index]) for part in (marks.lat, marks.lon, marks.r_LE_E, marks.slope))
         camera = self.lens, np.ascontiguousarray(pose.r_CE_E), np.ascontiguousarray(pose.dcm_CE)

@@ -36,7 +36,7 @@ MIN_RIGHT = 0.6
 """Least share of these that fit the pose within their covariances."""
 MIN_MIDDLE = 0.4
 """Least correlation of the middle of a match: a place under cloud may match by its surroundings."""
-VEILS = ((0.5, 0.3), (0.9, 0.5), (1.6, 0.7), (2.5, 0.8))
+VEILS = ((0.0, 0.28), (0.3, 0.35), (0.7, 0.6), (1.3, 0.8), (2.5, 1.0), (5.0, np.inf))
 """A match is under cloud if it is brighter than the map says by more than the first number (in standard deviations of
 all matches) and has less than the second of their median contrast."""
 FLOOR_PX = 0.03

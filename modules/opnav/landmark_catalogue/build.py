@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rasterio import warp
 
-from fsw.imaging.maps import SEA_LEVEL, GeoMap
+from fsw.imaging.maps import SEA_LEVEL, GeoMap, HeightGrid
 from fsw.imaging.rasters import Raster, apply
 from fsw.math.geodesy import A, ecef_from_geodetic
 from messages.base import F64
@@ -51,6 +51,7 @@ class _Cell(NamedTuple):
     lat: F64
     lon: F64
     h: F64
+    grid: HeightGrid
     grey: NDArray[np.uint8]
     mask: NDArray[np.bool_]
 
@@ -174,9 +175,13 @@ def _picture(geo_map: GeoMap, square: Region, size: float) -> _Cell | None:
     if not mask.any():
         return None
     grid = geo_map.height_grid(lat, lon) or SEA_LEVEL
-    h = np.array([height_at(*grid, a, b) for a, b in zip(lat.ravel().tolist(), lon.ravel().tolist(), strict=True)])
-    h = np.nan_to_num(h.reshape(nodes), nan=0.0)
-    return _Cell(square, lat, lon, h, CV.cvtColor(colour, cv2.COLOR_RGB2GRAY), mask)
+    h = _heights(grid, lat.ravel(), lon.ravel()).reshape(nodes)
+    return _Cell(square, lat, lon, h, grid, CV.cvtColor(colour, cv2.COLOR_RGB2GRAY), mask)
+
+
+def _heights(grid: HeightGrid, lat: F64, lon: F64) -> F64:
+    """Heights (n,) [m]; 0 beyond the grid, as for the map's pixels without data."""
+    return np.nan_to_num([height_at(*grid, a, b) for a, b in zip(lat.tolist(), lon.tolist(), strict=True)], nan=0.0)
 
 
 def texture(grey: NDArray[np.uint8]) -> tuple[F64, F64]:
@@ -206,7 +211,8 @@ def _landmarks(geo_map: GeoMap, cell: _Cell, size: float, spacing: int) -> list[
     count = -(-TILE // spacing)
     rows = _argmin_cells(worst, spacing, count)
     rows = rows[worst[rows[:, 1], rows[:, 0]] <= WORST_SIGMA]
-    lat, lon, h = _places(cell, rows.astype(float))
+    lat, lon, _ = _places(cell, rows.astype(float))
+    h = _heights(cell.grid, lat, lon)
     slope = _slopes(cell, rows.astype(float), size)
     own = np.flatnonzero(_within(cell.region, lat, lon))
     found: list[Landmarks] = []

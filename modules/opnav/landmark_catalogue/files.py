@@ -62,7 +62,7 @@ def read_catalogue(path: str | Path) -> Catalogue:
     if not path.is_file():
         raise CatalogueError(f"catalogue {path} does not exist; make one with fsw catalogue MAP -o {path.name}")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile, zipfile.error) as error:
         raise CatalogueError(f"catalogue {path} cannot be read ({error}); make it again with fsw catalogue") from error
