@@ -234,17 +234,22 @@ def camera_of(args: argparse.Namespace, shape: tuple[int, ...]) -> CameraConfigM
     return camera
 
 
+def place_text(lat_deg: float, lon_deg: float) -> str:
+    """Degrees with N or S, E or W."""
+    return f"{abs(lat_deg):.4f} {'S' if lat_deg < 0 else 'N'}, {abs(lon_deg):.4f} {'W' if lon_deg < 0 else 'E'}"
+
+
 def locate_text(photo: Path, made: dict[str, Any]) -> str:
     """The report for a person."""
     lines = [
         f"{photo}: {made['landmarks']} landmarks of {made['candidates']} candidates",
-        f"  camera     {made['lat_deg']:.4f} N, {made['lon_deg']:.4f} E, {made['height_m'] / 1e3:.2f} km",
+        f"  camera     {place_text(made['lat_deg'], made['lon_deg'])}, {made['height_m'] / 1e3:.2f} km",
         f"  sigma      {made['sigma_position_m'] / 1e3:.2f} km, if map and lens are right",
         f"  attitude   {made['off_nadir_deg']:.2f} deg off nadir, top towards azimuth {made['heading_deg']:.2f} deg",
         f"  matches    sigma {made['sigma_px']:.2f} px, rms of residuals {made['rms_px']:.2f} px",
     ]
     for name, place in made["ground"].items():
-        seen = "no ground" if place is None else f"{place[0]:.4f} N, {place[1]:.4f} E"
+        seen = "no ground" if place is None else place_text(*place)
         lines.append(f"  {name.replace('_', ' '):<13}{seen}")
     return "\n".join(lines)
 

@@ -228,8 +228,14 @@ def draw(photo: NDArray[np.uint8], camera: CameraConfigMsg, tracked: Tracked) ->
     (south, west), (north, east) = ground.min(axis=0), ground.max(axis=0)
     step = _nice(max(north - south, (east - west) * math.cos(math.radians(0.5 * (south + north)))) / 5.0)
     size = max(0.4, photo.shape[1] / 2400)
-    lines = [(f"{lat:g} N", np.full(60, lat), np.linspace(west, east, 60)) for lat in _ticks(south, north, step)]
-    lines += [(f"{lon:g} E", np.linspace(south, north, 60), np.full(60, lon)) for lon in _ticks(west, east, step)]
+    lines = [
+        (f"{abs(lat):g} {'S' if lat < 0 else 'N'}", np.full(60, lat), np.linspace(west, east, 60))
+        for lat in _ticks(south, north, step)
+    ]
+    for lon in _ticks(west, east, step):
+        turn = (lon + 180.0) % 360.0 - 180.0
+        name = f"{abs(turn):g} {'W' if turn < 0 else 'E'}"
+        lines.append((name, np.linspace(south, north, 60), np.full(60, lon)))
     for name, lat, lon in lines:
         places = np.array([ecef_from_geodetic(a, b, 0.0) for a, b in np.radians([lat, lon]).T.tolist()])
         pixel = np.empty((60, 2))
