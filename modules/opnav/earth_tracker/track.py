@@ -34,9 +34,9 @@ MIN_SHARE = 0.4
 """Least share of the matches of the last pass that agree."""
 MIN_RIGHT = 0.6
 """Least share of these that fit the pose within their covariances."""
-MIN_MIDDLE = 0.4
+MIN_MIDDLE = 0.5
 """Least correlation of the middle of a match: a place under cloud may match by its surroundings."""
-VEILS = ((0.0, 0.28), (0.3, 0.35), (0.7, 0.6), (1.3, 0.8), (2.5, 1.0), (5.0, np.inf))
+VEILS = ((0.0, 0.28), (0.3, 0.35), (0.7, 0.6), (1.3, 0.8), (2.0, 1.0), (5.0, np.inf))
 """A match is under cloud if it is brighter than the map says by more than the first number (in standard deviations of
 all matches) and has less than the second of their median contrast."""
 FLOOR_PX = 0.03
@@ -213,6 +213,7 @@ class Tracker:
             fit = self._fit(look, fine.found.pick(keep), sigma[keep], pose)
             if fit is None:
                 return None
+            pose = Pose(fit.r_CE_E, fit.dcm_CE)
             error2 = np.einsum("ni,nij,nj->n", fit.residual_px, np.linalg.inv(P_px[keep]), fit.residual_px)
             # Half of all squared lengths lie below 1.39 if the covariances are right; what is above is theirs to carry
             grow = max(1.0, float(np.median(error2)) / 1.386 * len(keep) / (len(keep) - 3.0))

@@ -90,11 +90,11 @@ class Catalogue:
 
     def near(self, r_E: F64, radius: float) -> NDArray[np.int64]:
         """Landmarks within a distance [m] of a point (3,) [m], Earth-fixed, in ascending order."""
-        return np.array(sorted(self._trees[0].query_ball_point(r_E, radius)), np.int64)
+        return np.sort(np.array(self._trees[0].query_ball_point(r_E, radius), np.int64))
 
     def features_near(self, r_E: F64, radius: float) -> NDArray[np.int64]:
         """Features likewise."""
-        return np.array(sorted(self._trees[1].query_ball_point(r_E, radius)), np.int64)
+        return np.sort(np.array(self._trees[1].query_ball_point(r_E, radius), np.int64))
 
     def inside(self, polygon: F64) -> NDArray[np.int64]:
         """Landmarks inside a polygon on the ground, also across longitude 180 and over a pole.
@@ -139,9 +139,9 @@ class Catalogue:
         """
         middle, radius = ground_circle(lens, shape, r_CE_E, dcm_CE, margin_px)
         index = self.near(middle, radius)
-        marks = Landmarks(*(part[index] for part in self.landmarks))
-        seen = np.empty((len(index), 3))
-        see(lens, r_CE_E, dcm_CE, marks.r_LE_E, marks.lat, marks.lon, marks.gsd, seen)
+        marks, seen = self.landmarks, np.empty((len(index), 3))
+        places = marks.r_LE_E[index], marks.lat[index], marks.lon[index], marks.gsd[index]
+        see(lens, np.ascontiguousarray(r_CE_E, float), np.ascontiguousarray(dcm_CE, float), *places, seen)
         rows, columns = shape
         with np.errstate(invalid="ignore"):
             inside = (seen[:, :2] >= margin_px).all(axis=1)
