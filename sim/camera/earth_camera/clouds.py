@@ -10,7 +10,7 @@ from fsw.math.compiled import compiled
 from fsw.math.geodesy import A, ecef_from_geodetic, ray_to_spheroid
 from fsw.math.vectors import V3
 from messages.base import F64
-from sim.camera.earth_camera.kernel import F32, SCALE_HEIGHT, U8
+from sim.camera.earth_camera.kernel import F32, FULL, SCALE_HEIGHT, U8, U16
 
 LATTICE = 64
 """Random numbers in each direction; a power of two, so that they repeat by masking."""
@@ -90,7 +90,7 @@ def density(lattice: F32, r: V3, least: float, size: float) -> float:
 @compiled
 def cloud_band(
     x_tan: F64, y_tan: F64, first: int, r_E: F64, dcm_CE: F64, sun_E: F64, lat: F64, lon: F64,
-    lattice: F32, least: float, height: float, focal: float, image: F32, mass: F32, want: U8,
+    lattice: F32, least: float, height: float, focal: float, seen: U16, mass: F32, want: U8,
 ) -> None:  # fmt: skip
     """Put clouds, and their shadows on the ground, over the reflectance of a band.
 
@@ -107,7 +107,7 @@ def cloud_band(
         least: likewise.
         height: of the clouds [m].
         focal: length [px].
-        image: in and out, reflectance (rows, columns, 3).
+        seen: in and out, reflectance (rows, columns, 4), 0 to FULL.
         mass: in and out, air masses; there is less air above a cloud.
         want: pixels that are 1 have no map; what is seen of them is no ground.
     """
@@ -140,4 +140,5 @@ def cloud_band(
                     dark = SHADE * density(lattice, there, least, size)
             mass[i, j] *= 1.0 - cover * below
             for c in range(3):
-                image[i, j, c] = (1.0 - cover) * (1.0 - dark) * image[i, j, c] + cover * BRIGHTNESS
+                value = (1.0 - cover) * (1.0 - dark) * seen[i, j, c] + cover * BRIGHTNESS * FULL
+                seen[i, j, c] = np.uint16(value + 0.5)

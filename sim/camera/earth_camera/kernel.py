@@ -13,17 +13,28 @@ from numpy.typing import NDArray
 
 from fsw.math.compiled import compiled
 from fsw.math.geodesy import A, B
+from fsw.math.vectors import V3
 from messages.base import F64
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
-PER_A, PER_B = 1.0 / A, 1.0 / B
+U16 = NDArray[np.uint16]
+FULL = 65535.0
+"""Reflectance 1, and a pixel with data, in a pyramid."""
+PER_A, PER_B, A_PER_B = 1.0 / A, 1.0 / B, A / B
 SCALE_HEIGHT = 8400.0
 """Of the air [m]."""
 SHELL = A / SCALE_HEIGHT
 """Radius of the Earth in scale heights."""
 TWILIGHT = 0.1
 """Sine of the depth of the Sun at which the air is dark."""
+SINGLE = np.float32
+"""Constants of functions that are as wide as their argument."""
+_SHELL, _SHELL_2, _SHELL_1 = SINGLE(SHELL), SINGLE(SHELL * SHELL), SINGLE(2.0 * SHELL + 1.0)
+_ZERO, _ONE, _UNIT = SINGLE(0.0), SINGLE(1.0), SINGLE(1.0 / FULL)
+_RAYLEIGH, _PER_TWILIGHT = SINGLE(0.1875), SINGLE(1.0 / TWILIGHT)
+_E2, _E3, _E4, _E5, _E6 = (SINGLE(1.0 / math.factorial(n)) for n in range(2, 7))
+_FAR, _PER_64 = SINGLE(60.0), SINGLE(-1.0 / 64.0)
 _TAN_22 = math.sqrt(2.0) - 1.0
 
 
@@ -65,7 +76,7 @@ def air_mass(mu: float) -> float:
 
     Schoenberg (1929), "Theoretische Photometrie": 1 at the zenith, 39 at the horizon.
     """
-    return math.sqrt(SHELL * SHELL * mu * mu + 2.0 * SHELL + 1.0) - SHELL * mu
+    return np.sqrt(_SHELL_2 * mu * mu + _SHELL_1) - _SHELL * mu
 
 
 @compiled
@@ -80,45 +91,50 @@ def scaled_axes(r_E: F64, dcm_CE: F64) -> tuple[float, ...]:
 
 
 @compiled
-def hit(u: float, v: float, axes: tuple[float, ...], outside: float) -> tuple[float, float, float, float, float, float]:
-    """Where the ray with the tangents u, v meets the unit sphere, and its direction, both scaled; NaN if it misses."""
+def hit(u: float, v: float, axes: tuple[float, ...], outside: float) -> V3:
+    """Where the ray with the tangents u, v meets the unit sphere, scaled; NaN if it misses."""
     ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     wx, wy, wz = xx * u + yx * v + zx, xy * u + yy * v + zy, xz * u + yz * v + zz
     ww, ow = wx * wx + wy * wy + wz * wz, ox * wx + oy * wy + oz * wz
     room = ow * ow - ww * outside
     room = room if ow < 0.0 else -1.0
     t = outside / (math.sqrt(room) - ow)
-    return ox + t * wx, oy + t * wy, oz + t * wz, wx, wy, wz
+    return ox + t * wx, oy + t * wy, oz + t * wz
 
 
 @compiled
-def _places(x_tan: F64, y_tan: F64, axes: tuple[float, ...], outside: float, lat: F64, lon: F64) -> None:
+def _places(x_tan: F64, y_tan: F64, axes: tuple[float, ...], outside: float, lat: F64, lon: F64, ground: F32) -> None:
     """A row of `ground_band`. Rows are short arrays of one dimension, which a compiler can vectorise."""
+    gx, gy, gz = ground[0], ground[1], ground[2]
     for j in range(x_tan.shape[0]):
-        px, py, pz, _, _, _ = hit(x_tan[j], y_tan[j], axes, outside)
-        nx, ny, nz = px * PER_A, py * PER_A, pz * PER_B
-        lat[j] = arctan2(nz, math.sqrt(nx * nx + ny * ny))
+        px, py, pz = hit(x_tan[j], y_tan[j], axes, outside)
+        lat[j] = arctan2(A_PER_B * pz, math.sqrt(px * px + py * py))
         lon[j] = arctan2(py, px)
+        gx[j], gy[j], gz[j] = px, py, pz
 
 
 @compiled
 def _lights(
-    x_tan: F64, y_tan: F64, axes: tuple[float, ...], outside: float, sun: tuple[float, float, float],
-    light: F32, mass: F32, path: F32,
+    x_tan: F64, y_tan: F64, to_E: F32, sun: F32, ground: F32, light: F32, mass: F32, path: F32,
 ) -> None:  # fmt: skip
-    """A row of `ground_band`."""
-    sx, sy, sz = sun
+    """A row of `ground_band`, in single precision, which is good to 1e-5 of the light."""
+    sx, sy, sz = sun[0], sun[1], sun[2]
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = to_E[0], to_E[1], to_E[2], to_E[3], to_E[4], to_E[5], to_E[6], to_E[7], to_E[8]
+    gx, gy, gz = ground[0], ground[1], ground[2]
+    one, stretch = np.float32(1.0), np.float32(A_PER_B)
+    square = stretch * stretch
     for j in range(x_tan.shape[0]):
-        u, v = x_tan[j], y_tan[j]
-        px, py, pz, wx, wy, wz = hit(u, v, axes, outside)
-        nx, ny, nz = px * PER_A, py * PER_A, pz * PER_B
-        per_normal = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-        per_ray = 1.0 / math.sqrt(u * u + v * v + 1.0)
-        mu_sun = (nx * sx + ny * sy + nz * sz) * per_normal
-        mu_view = -(px * wx + py * wy + pz * wz) * per_normal * per_ray
-        cosine = (A * (wx * sx + wy * sy) + B * wz * sz) * per_ray
+        u, v = np.float32(x_tan[j]), np.float32(y_tan[j])
+        px, py, pz = gx[j], gy[j], gz[j]
+        wx, wy, wz = xx * u + yx * v + zx, xy * u + yy * v + zy, xz * u + yz * v + zz
+        across = px * px + py * py
+        per_normal = one / np.sqrt(across + square * pz * pz)
+        per_ray = one / np.sqrt(u * u + v * v + one)
+        mu_sun = (px * sx + py * sy + stretch * pz * sz) * per_normal
+        mu_view = -(px * wx + py * wy + stretch * pz * wz) * per_normal * per_ray
+        cosine = (wx * sx + wy * sy + wz * sz) * per_ray
         down, up = air_mass(mu_sun), air_mass(mu_view)
-        light[j] = max(0.0, mu_sun)
+        light[j] = max(np.float32(0.0), mu_sun)
         mass[j] = down + up
         path[j] = rayleigh(cosine) * up / (down + up) * dusk(mu_sun)
 
@@ -127,7 +143,7 @@ def _lights(
 def ground_band(
     x_tan: F64, y_tan: F64, first: int, step: int, r_E: F64, dcm_CE: F64, sun_E: F64,
     lat: F64, lon: F64, light: F32, mass: F32, path: F32,
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
     """Where the rays of a band of pixels meet the ellipsoid, and how that place is lit. Arrays are (rows, columns).
 
     Args:
@@ -143,14 +159,33 @@ def ground_band(
         light: out, cosine of the Sun's zenith distance; 0 at night.
         mass: out, air masses from the Sun to the ground and on to the camera.
         path: out, brightness of endless air in this direction; white ground below the Sun is 1.
+
+    Returns:
+        Whether all rays meet it.
     """
-    sun = (sun_E[0], sun_E[1], sun_E[2])
+    sun, to_E = np.empty(3, np.float32), np.empty(9, np.float32)
+    sun[0], sun[1], sun[2] = sun_E[0], sun_E[1], sun_E[2]
+    ground = np.empty((3, x_tan.shape[1]), np.float32)
+    missed = 0
     for i in range(x_tan.shape[0]):
         k = min(first + i * step, r_E.shape[0] - 1)
         axes = scaled_axes(r_E[k], dcm_CE[k])
         outside = axes[0] * axes[0] + axes[1] * axes[1] + axes[2] * axes[2] - 1.0
-        _places(x_tan[i], y_tan[i], axes, outside, lat[i], lon[i])
-        _lights(x_tan[i], y_tan[i], axes, outside, sun, light[i], mass[i], path[i])
+        for n in range(9):
+            to_E[n] = dcm_CE[k, n // 3, n % 3]
+        _places(x_tan[i], y_tan[i], axes, outside, lat[i], lon[i], ground)
+        _lights(x_tan[i], y_tan[i], to_E, sun, ground, light[i], mass[i], path[i])
+        missed += _missing(ground[0])
+    return missed == 0
+
+
+@compiled
+def _missing(row: F32) -> int:
+    """How many numbers are NaN."""
+    count = 0
+    for j in range(row.shape[0]):
+        count += 1 if row[j] != row[j] else 0
+    return count
 
 
 @compiled
@@ -184,15 +219,15 @@ def limb_band(
 @compiled
 def rayleigh(cosine: float) -> float:
     """A quarter of Rayleigh's phase function, from the cosine of the angle of scattering."""
-    return 0.1875 * (1.0 + cosine * cosine)
+    return _RAYLEIGH * (_ONE + cosine * cosine)
 
 
 @compiled
 def dusk(mu_sun: float) -> float:
     """How much of the air above a place is in sunlight."""
-    low = 1.0 + mu_sun / TWILIGHT
-    low = max(0.0, low)
-    low = min(1.0, low)
+    low = _ONE + mu_sun * _PER_TWILIGHT
+    low = max(_ZERO, low)
+    low = min(_ONE, low)
     return low * low
 
 
@@ -206,44 +241,54 @@ def soften(light: F32, exponent: float) -> None:
 
 @compiled
 def decay(x: float) -> float:
-    """exp(-x) for x of at least 0, to 2e-8, without branches. Beyond 60 it is 0 to all purposes."""
-    x = min(60.0, x)
-    x *= -1.0 / 256.0
-    y = 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0 + x * (1.0 / 720.0))))))
-    for _ in range(8):
+    """exp(-x) for x of at least 0, to 1e-8 of double or 1e-6 of single precision, without branches."""
+    x = min(_FAR, x)
+    x = x * _PER_64
+    y = _ONE + x * (_ONE + x * (_E2 + x * (_E3 + x * (_E4 + x * (_E5 + x * _E6)))))
+    for _ in range(6):
         y *= y
     return y
 
 
 @compiled
-def _transmit(mass: F32, depth: F64, red: F64, green: F64, blue: F64) -> None:
-    r, g, b = depth[0], depth[1], depth[2]
+def _transmit(mass: F32, light: F32, path: F32, depth: float, gain: float, factor: F32, added: F32) -> None:
+    """A row of `shade_band` in one channel: factor on the reflectance, and what is added."""
+    per = gain * _UNIT
     for j in range(mass.shape[0]):
-        red[j], green[j], blue[j] = decay(mass[j] * r), decay(mass[j] * g), decay(mass[j] * b)
+        through = decay(mass[j] * depth)
+        factor[j] = per * light[j] * through
+        added[j] = gain * path[j] * (_ONE - through)
 
 
 @compiled
-def shade_band(image: F32, light: F32, mass: F32, path: F32, depth: F64, gain: float, todo: U8) -> None:
-    """Turn reflectance into radiance, in place.
+def _shade(seen: U16, factor: F32, added: F32, out: F32) -> None:
+    """A row of `shade_band`; the fourth number of a pixel is written too, which lets a compiler do several at once."""
+    f0, f1, f2, a0, a1, a2 = factor[0], factor[1], factor[2], added[0], added[1], added[2]
+    for j in range(f0.shape[0]):
+        out[4 * j] = f0[j] * SINGLE(seen[4 * j]) + a0[j]
+        out[4 * j + 1] = f1[j] * SINGLE(seen[4 * j + 1]) + a1[j]
+        out[4 * j + 2] = f2[j] * SINGLE(seen[4 * j + 2]) + a2[j]
+        out[4 * j + 3] = _ZERO
+
+
+@compiled
+def shade_band(seen: U16, light: F32, mass: F32, path: F32, depth: F64, gain: float, out: F32) -> None:
+    """Turn reflectance into radiance.
 
     Args:
-        image: reflectance (rows, columns, 3) in, radiance out.
+        seen: reflectance (rows, 4 * columns), red, green, blue and any fourth number; 0 to FULL.
         light: as of `ground_band`.
         mass: likewise.
         path: likewise.
         depth: vertical optical depth of each channel (3,).
         gain: factor on the result.
-        todo: (rows, columns): pixels that are 0 are left.
+        out: radiance, of the shape of ``seen``.
     """
-    through = np.empty((3, image.shape[1]))
-    for i in range(image.shape[0]):
-        _transmit(mass[i], depth, through[0], through[1], through[2])
-        for j in range(image.shape[1]):
-            if todo[i, j] == 0:
-                continue
-            lit, air = gain * light[i, j], gain * path[i, j]
-            for c in range(3):
-                image[i, j, c] = image[i, j, c] * lit * through[c, j] + air * (1.0 - through[c, j])
+    factor, added = np.empty((3, light.shape[1]), np.float32), np.empty((3, light.shape[1]), np.float32)
+    for i in range(light.shape[0]):
+        for c in range(3):
+            _transmit(mass[i], light[i], path[i], SINGLE(depth[c]), SINGLE(gain), factor[c], added[c])
+        _shade(seen[i], factor, added, out[i])
 
 
 RAYLEIGH_RGB = (0.0525, 0.0973, 0.2022)

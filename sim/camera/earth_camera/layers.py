@@ -15,8 +15,8 @@ from rasterio.windows import Window as RasterWindow
 
 from fsw.imaging.rasters import MapError, Raster, apply, opened
 from messages.base import F64, I64
-from sim.camera.earth_camera.kernel import F32
-from sim.camera.earth_camera.sampler import U16, footprints, locate_nodes
+from sim.camera.earth_camera.kernel import F32, U16
+from sim.camera.earth_camera.sampler import footprints, locate_nodes
 
 CV: Any = cv2
 WARP: Any = warp

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -18,26 +17,28 @@ from fsw.math.camera import channel_lens, project, undistort
 from fsw.math.geodesy import A, B, ray_to_spheroid
 from messages.base import F64
 from messages.opnav import CameraConfigMsg
-from sim.camera.earth_camera.clouds import cloud_band, noise_lattice, threshold
-from sim.camera.earth_camera.kernel import F32, U8, ground_band, limb_band, optical_depth, shade_band, soften
-from sim.camera.earth_camera.layers import SPARSE, MapLayer, View, Window
-from sim.camera.earth_camera.params import EarthCameraParams
-from sim.camera.earth_camera.pose import Pose
-from sim.camera.earth_camera.sampler import (
-    U16,
-    level_of,
+from sim.camera.earth_camera.cells import (
+    SIDE,
+    easy_cells,
+    keep_covered,
     light_cells,
     node_colours,
-    sample_band,
     smooth_cells,
-    spread_rows,
+    spread_places,
 )
+from sim.camera.earth_camera.clouds import cloud_band, noise_lattice, threshold
+from sim.camera.earth_camera.kernel import F32, U8, U16, ground_band, limb_band, optical_depth, shade_band, soften
+from sim.camera.earth_camera.layers import SPARSE, MapLayer, View
+from sim.camera.earth_camera.params import EarthCameraParams
+from sim.camera.earth_camera.patches import origin, sample_cells
+from sim.camera.earth_camera.pose import Pose
+from sim.camera.earth_camera.sampler import map_places, sample_band
 from sim.camera.earth_camera.sky import add_stars, star_light
 from sim.camera.earth_camera.terrain import Terrain, terrain_band, terrain_of
 from sim.environment.star_catalogue import bright_stars
 
 CV: Any = cv2
-STEP = 16
+STEP = SIDE
 """Pixels between the nodes at which footprints, and on the interpolated grid everything else, are computed."""
 BAND = 32
 """Rows that one thread works on at a time: its arrays stay in the cache."""
@@ -72,6 +73,13 @@ class _Nodes(NamedTuple):
     light: F32
     mass: F32
     path: F32
+
+
+class _Smooth(NamedTuple):
+    colour: F32
+    """As of `cells.node_colours`."""
+    uses: list[U8]
+    """The cells of each view that may be interpolated."""
 
 
 class EarthRenderer:
@@ -129,18 +137,19 @@ class EarthRenderer:
         if not (math.isfinite(length) and length > 0.0):
             raise ValueError(f"sun_E: expected a direction, got {sun_E}; give the Sun's position")
         sun = np.asarray(sun_E, float) / length
+        for pose in series:
+            _check(pose)
+        if len(series) == 1 and len(self._lenses) == 1:
+            return Rendered(*self._draw(self._lenses[0], series[0], sun))
         total = np.zeros((*self.shape, 3), np.float32)
         masks: list[NDArray[np.bool_]] = []
         for pose in series:
-            _check(pose)
             for lens in self._lenses:
                 image, mask = self._draw(lens, pose, sun)
                 for c in lens.channels:
                     total[..., c] += image[..., c]
                 masks.append(mask)
-        if len(series) > 1:
-            total /= np.float32(len(series))
-        return Rendered(total, np.logical_and.reduce(masks) if len(masks) > 1 else masks[0])
+        return Rendered(total / np.float32(len(series)), np.logical_and.reduce(masks))
 
     def motion_px(self, before: Pose, after: Pose) -> float:
         """How far what is in view moves in the picture between two poses of one entry, at most [px]."""
@@ -171,8 +180,7 @@ class EarthRenderer:
     ) -> None:
         lat, lon, light, mass, path = out
         r, dcm = pose.r_CE_E, pose.dcm_CE
-        ground_band(x, y, first, step, r, dcm, sun, *out)
-        if np.isnan(lat).any():
+        if not ground_band(x, y, first, step, r, dcm, sun, *out):
             limb_band(x, y, first, step, r, dcm, sun, lat, light, mass, path)
         if terrain is not None:  # last: a mountain may stand where the ellipsoid is passed
             terrain_band(x, y, first, step, r, dcm, sun, *terrain, lat, lon, light)
@@ -202,18 +210,19 @@ class EarthRenderer:
         if terrain is not None:
             self._ground(lens.node_x, lens.node_y, 0, STEP, pose, sun, nodes, terrain)
         views = [v for layer in self.layers if (v := layer.view(nodes.lat, nodes.lon, STEP)) is not None]
-        image = np.zeros((*self.shape, 3), np.float32)
+        image = np.empty((*self.shape, 3), np.float32)
         todo = np.ones(self.shape, np.uint8)
         mask = np.ones(self.shape, np.bool_)
+        smooth = self._smooth(nodes, views) if self.params.interpolated and self._lattice is None else None
+
+        def band(top: int) -> bool:
+            if smooth is not None:
+                _cells(views, smooth, top, image, todo)
+            box = _box(todo, top)
+            return box is not None and self._tile(lens, pose, sun, terrain, views, box, image, todo, mask)
+
         with ThreadPoolExecutor(self.workers) as pool:
-            if self.params.interpolated and self._lattice is None:
-                self._interpolate(nodes, views, image, todo, pool.map)
-            boxes = [box for top in range(0, self.shape[0], BAND) if (box := _box(todo, top)) is not None]
-
-            def tile(box: tuple[int, int, int, int]) -> bool:
-                return self._tile(lens, pose, sun, terrain, views, box, image, todo, mask)
-
-            sky = list(pool.map(tile, boxes))
+            sky = list(pool.map(band, range(0, self.shape[0], BAND)))
         if any(sky) and self.params.star_gain > 0.0:
             u_N, light = self._stars
             count = max(len(pose.dcm_CE), len(pose.dcm_EN))
@@ -222,20 +231,19 @@ class EarthRenderer:
             add_stars(image, todo == 2, lens.channels, lens.vector, dcm_CN, u_N, gain * light)
         return image, mask
 
-    def _interpolate(
-        self, nodes: _Nodes, views: Sequence[View], image: F32, todo: U8, spread: Callable[..., Iterable[object]]
-    ) -> None:
-        """Draw the cells where everything but the map itself may be interpolated."""
+    def _smooth(self, nodes: _Nodes, views: Sequence[View]) -> _Smooth:
+        """The cells where everything but the map itself may be interpolated."""
         cells = nodes.lat.shape[0] - 1, nodes.lat.shape[1] - 1
-        colour = np.empty((*nodes.lat.shape, 6), np.float32)
+        colour = np.empty((*nodes.lat.shape, 8), np.float32)
         node_colours(nodes.light, nodes.mass, nodes.path, self._depth, self.params.brightness, colour)
         free = np.ones(cells, np.uint8)
+        uses: list[U8] = []
         for view in views:
             use = np.zeros(cells, np.uint8)
             rows, columns = (int(n) for n in view.window.levels[0, 1:])
             smooth_cells(view.at, view.prints, rows, columns, GRID_ERROR, free, use)
-            bands = np.flatnonzero(use.any(axis=1)).tolist()
-            list(spread(functools.partial(_cells, view, use, colour, image, todo), bands))
+            uses.append(use)
+        return _Smooth(colour, uses)
 
     def _tile(
         self, lens: _Lens, pose: Pose, sun: F64, terrain: Terrain | None, views: Sequence[View],
@@ -249,57 +257,82 @@ class EarthRenderer:
         self._ground(x, y, top, 1, pose, sun, ground, terrain)
         here, off = np.ascontiguousarray(todo[part]), np.isnan(ground.lat)
         want = np.where(off, np.uint8(0), here)
-        asked = want == 1
-        whole = right - left == self.shape[1] and bool(here.all())
-        picture = image[part] if whole else np.zeros((*x.shape, 3), np.float32)
-        for window, _, prints in views:
-            sample_band(
-                ground.lat, ground.lon, top, left, STEP, window.table, window.planes, window.frame, prints,
-                window.pixels, window.levels, picture, want,
-            )  # fmt: skip
+        asked = want.copy()
+        seen = _reflectance(views, ground, top, left, want)
+        if off.any() or want.any():
+            seen[asked == want] = 0
         if self._lattice is not None:
             p, focal = self.params, float(np.sqrt(np.prod(self.camera.focal_px)))
             cloud_band(
                 x, y, top, pose.r_CE_E, pose.dcm_CE, sun, ground.lat, ground.lon, self._lattice,
-                threshold(p.clouds), p.cloud_height, focal, picture, ground.mass, want,
+                threshold(p.clouds), p.cloud_height, focal, seen, ground.mass, want,
             )  # fmt: skip
-        p = self.params
-        shade_band(picture, ground.light, ground.mass, ground.path, self._depth, p.brightness, here)
-        drawn = here == 1
-        if not whole:
+        radiance = np.empty((len(x), 4 * x.shape[1]), np.float32)
+        flat = seen.reshape(len(x), -1)
+        shade_band(flat, ground.light, ground.mass, ground.path, self._depth, self.params.brightness, radiance)
+        whole, drawn = bool(here.all()), here == 1
+        picture = CV.cvtColor(radiance.reshape(*x.shape, 4), cv2.COLOR_RGBA2RGB, image[part] if whole else None)
+        if whole:
+            mask[part] = asked > want
+        else:
             np.copyto(image[part], picture, where=drawn[..., None])
-        np.copyto(mask[part], asked & (want == 0), where=drawn)
-        todo[part][off & drawn] = 2
-        return bool(off.any())
+            np.copyto(mask[part], asked > want, where=drawn)
+        sky = bool(off.any())
+        if sky:
+            todo[part][off & drawn] = 2
+        return sky
 
 
-def _cells(view: View, use: U8, colour: F32, image: F32, todo: U8, first: int) -> None:
-    """Draw the cells to be interpolated in one row of cells."""
-    window, at, prints = view
-    top, levels = len(window.levels) - 1, prints[first, :, 0]
-    columns = np.flatnonzero(use[first])
-    left, right = int(columns[0]), int(columns[-1]) + 1
-    rows = min(STEP, image.shape[0] - first * STEP)
-    size = rows, min(right * STEP, image.shape[1]) - left * STEP
-    x, y = np.empty(size, np.float32), np.empty(size, np.float32)
-    spread_rows(at[..., 0], first, STEP, left, x)
-    spread_rows(at[..., 1], first, STEP, left, y)
-    chosen = [level_of(float(octave), top) for octave in levels[columns]]
-    for level in sorted({k for k, _ in chosen}):
-        low = high = _remap(window, level, x, y)
-        if any(blend > 0.0 for k, blend in chosen if k == level):
-            high = _remap(window, level + 1, x, y)
-        light_cells(low, high, first, STEP, left, level, use, top, prints, colour, image, todo)
+def _reflectance(views: Sequence[View], ground: _Nodes, top: int, left: int, want: U8) -> U16:
+    """What the maps show at places (rows, columns, 4); ``want`` becomes 0 where one of them has data."""
+    seen, places = np.empty((*want.shape, 4), np.uint16), np.empty((2, *want.shape), np.float32)
+    first, column, cells = top // STEP, left // STEP, _cells_of(want.shape)
+    fresh = True
+    for view in views:
+        corner = origin(view, first, first + cells[0])
+        if corner is None or not want.any():
+            continue
+        window = view.window
+        rows, columns = window.table.shape[:2]
+        x, y = places
+        map_places(window.planes, rows, columns, window.frame, *corner, ground.lat, ground.lon, x, y)
+        use = np.empty(cells, np.uint8)
+        right, bottom = window.levels[0, 2] - 1.0 - corner[0], window.levels[0, 1] - 1.0 - corner[1]
+        if easy_cells(x, y, right, bottom, want, first, column, view.prints, use):
+            sample_cells(view, corner, x, y, first, column, use, seen, fresh)
+            keep_covered(seen.reshape(len(seen), -1), use, want)
+        fresh = False
+        if want.any():
+            sample_band(x, y, *corner, top, left, STEP, view.prints, window.pixels, window.levels, seen, want)
+    return seen
 
 
-def _remap(window: Window, level: int, x: F32, y: F32) -> U16:
-    """One level of a map at places x, y of level 0."""
-    start, rows, columns = window.levels[level]
-    picture = window.pixels[start : start + rows * columns].reshape(rows, columns, 4)
-    if level > 0:
-        size = np.float32(0.5**level)
-        x, y = (x + np.float32(0.5)) * size - np.float32(0.5), (y + np.float32(0.5)) * size - np.float32(0.5)
-    return CV.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+def _cells(views: Sequence[View], smooth: _Smooth, top: int, image: F32, todo: U8) -> None:
+    """Draw the cells to be interpolated in one band."""
+    first = top // STEP
+    size = min(BAND, image.shape[0] - top), image.shape[1]
+    cells = _cells_of(size)
+    seen, places = np.empty((*size, 4), np.uint16), np.empty((2, *size), np.float32)
+    x, y = places
+    fresh = True
+    for view, uses in zip(views, smooth.uses, strict=True):
+        use = uses[first : first + cells[0]].copy()
+        corner = origin(view, first, first + cells[0])
+        if corner is None or not use.any():
+            continue
+        spread_places(view.at, first, 0, *corner, x, y)
+        sample_cells(view, corner, x, y, first, 0, use, seen, fresh)
+        keep_covered(seen.reshape(len(seen), -1), use, todo[top : top + size[0]])
+        fresh = False
+    if not fresh:
+        radiance = np.empty((size[0], 4 * size[1]), np.float32)
+        light_cells(seen.reshape(len(seen), -1), first, 0, smooth.colour, radiance)
+        CV.cvtColor(radiance.reshape(*size, 4), cv2.COLOR_RGBA2RGB, image[top : top + size[0]])
+
+
+def _cells_of(size: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of cells that pixels need."""
+    return -(-size[0] // STEP), -(-size[1] // STEP)
 
 
 def _check(pose: Pose) -> None:
