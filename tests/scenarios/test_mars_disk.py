@@ -119,10 +119,26 @@ def test_program(tmp_path: Path, capsys: pytest.CaptureFixture[str], pictures: l
     folder = tmp_path / "new" / "mars"
     assert main(["--out", str(folder), "--pictures", str(COUNT)]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert len(said) == COUNT + 2 and said[-1] == f"saved {COUNT} pictures and sheet.png in {folder}"
-    assert sorted(f.name for f in folder.iterdir()) == sorted([*(p.name for p in pictures), "sheet.png"])
+    assert len(said) == COUNT + 5 and said[-1] == f"saved {COUNT} pictures, sheet.png and errors.png in {folder}"
+    files = [*(p.name for p in pictures), "sheet.png", "errors.png"]
+    assert sorted(f.name for f in folder.iterdir()) == sorted(files)
     for p in pictures:
         assert np.array_equal(np.asarray(Image.open(folder / p.name)), p.image)
+
+
+def test_positions_along_the_orbit(pictures: list[Picture]) -> None:
+    """To 120 degrees of phase both ways find Mars, to 0.2 % of the range by the limb and 0.6 % by the circle."""
+    tried = 0
+    for p in pictures:
+        if np.degrees(p.truth.phase) > 120.0:
+            continue
+        tried += 1
+        distance = float(np.linalg.norm(p.truth.r_PC_C))
+        limb, circle = p.found("horizon"), p.found("circle")
+        assert limb is not None and circle is not None
+        assert abs(limb.range) < 0.002 * distance and abs(circle.range) < 0.006 * distance
+        assert limb.across < 4e-4 * distance and abs(limb.range) < 4.0 * limb.sigma_range
+    assert tried >= 6
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,15 @@ from fsw.math.bodies import body
 from fsw.math.epoch import epoch
 from messages.base import F64
 from messages.opnav import CameraConfigMsg
+from modules.opnav.circle_finder import CircleFinder
+from modules.opnav.horizon_nav import HorizonNav
+from modules.opnav.limb_finder import LimbFinder
+from modules.opnav.pixel_line_converter import PixelLineConverter
 from sim.camera.disk_camera import DiskCamera, disk_body, invented
 from sim.environment.ephemeris import Ephemeris
 from sim.environment.star_catalogue import bright_stars
 from sim.scenarios.mars_disk.orbit import PointedOrbit
+from sim.sensors.simple_nav import SimpleNav
 
 EPOCH = "2024-01-15T00:00:00Z"
 """UTC of simulation time zero."""
@@ -38,6 +43,10 @@ class MarsDisk:
     orbit: PointedOrbit
     sun: Ephemeris
     camera: DiskCamera
+    limb_finder: LimbFinder
+    horizon: HorizonNav
+    circle_finder: CircleFinder
+    converter: PixelLineConverter
 
 
 def mars_attitude(epoch_tai_ns: int) -> F64:
@@ -111,10 +120,28 @@ def build(seed: int = 1, picture_ns: int = minutes(10), distortion: F64 | None =
         [mars],
         bright_stars(),
     )
+    attitude = SimpleNav("attitude")  # the truth: what is shown is the error of the images alone
+    pole_N = mars_attitude(start)[2]
+    limb_finder, horizon = LimbFinder("limb_finder"), HorizonNav("horizon", HorizonNav.Params(pole_N=pole_N))
+    circle_finder = CircleFinder("circle_finder")
+    converter = PixelLineConverter("converter", PixelLineConverter.Params(pole_N=pole_N, lit_half=True))
     orbit.out_state.connect(camera.in_state)
+    orbit.out_state.connect(attitude.in_state)
     sun.out_ephemeris.connect(camera.in_sun)
+    for finder in (limb_finder, circle_finder):
+        camera.out_image.connect(finder.in_image)
+        camera.out_camera.connect(finder.in_camera)
+        attitude.out_att.connect(finder.in_attitude)
+        sun.out_ephemeris.connect(finder.in_sun)
+    limb_finder.out_limb.connect(horizon.in_limb)
+    circle_finder.out_circles.connect(converter.in_circles)
+    sun.out_ephemeris.connect(converter.in_sun)
+    for module in (horizon, converter):
+        camera.out_camera.connect(module.in_camera)
+        attitude.out_att.connect(module.in_attitude)
+    flight = [limb_finder, horizon, circle_finder, converter]
     tasks = [
-        Task("truth", period=minutes(1), modules=[orbit, sun]),
-        Task("camera", period=picture_ns, modules=[camera]),
+        Task("truth", period=minutes(1), modules=[orbit, sun, attitude]),
+        Task("camera", period=picture_ns, modules=[camera, *flight]),
     ]
-    return MarsDisk(Simulation(tasks, seed=seed), orbit, sun, camera)
+    return MarsDisk(Simulation(tasks, seed=seed), orbit, sun, camera, limb_finder, horizon, circle_finder, converter)
