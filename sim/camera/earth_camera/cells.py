@@ -12,7 +12,7 @@ import numpy as np
 
 from fsw.math.compiled import compiled
 from messages.base import F64
-from sim.camera.earth_camera.kernel import F32, FULL, U8, U16, decay
+from sim.camera.earth_camera.kernel import F32, FULL, U8, U16, Number, decay
 from sim.camera.earth_camera.sampler import level_of
 
 COVERED = int(0.999 * FULL)
@@ -76,7 +76,33 @@ def node_colours(light: F32, mass: F32, path: F32, depth: F64, gain: float, colo
 
 
 @compiled
-def _spread(a: float, slope: float, run: F32) -> None:
+def nearest_corner(at: F64, first: int, last: int, raster: int, rows: int, columns: int) -> tuple[int, int]:
+    """The pixel (column, row) of a map before all that some rows of cells see of it, on a coarse raster.
+
+    Args:
+        at: columns and rows of the map at the nodes (n, m, 2); NaN where there is no ground.
+        first: row of cells.
+        last: the row after the last one.
+        raster: columns and rows of the pixel are multiples of it.
+        rows: of the map.
+        columns: of the map.
+
+    Returns:
+        -1, -1 if they see no ground.
+    """
+    x, y = math.inf, math.inf
+    for i in range(first, last + 1):
+        for j in range(at.shape[1]):
+            x = min(x, at[i, j, 0])
+            y = min(y, at[i, j, 1])
+    if x == math.inf:
+        return -1, -1
+    left, top = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
+    return int(left) // raster * raster, int(top) // raster * raster
+
+
+@compiled
+def _spread(a: Number, slope: Number, run: F32) -> None:
     for k in range(run.shape[0]):
         run[k] = a + np.float32(k) * slope
 
@@ -178,7 +204,7 @@ def cell_levels(prints: F32, first: int, left: int, top: int, use: U8, weight: F
 
 
 @compiled
-def _mix(one: U16, weight: float, seen: U16) -> None:
+def _mix(one: U16, weight: Number, seen: U16) -> None:
     half = np.float32(0.5)
     for k in range(seen.shape[0]):
         before = np.float32(seen[k])
@@ -243,7 +269,7 @@ def keep_covered(seen: U16, use: U8, want: U8) -> None:
 
 
 @compiled
-def _light(base: F32, down: F32, add: F32, add_down: F32, q: float, seen: U16, out: F32) -> None:
+def _light(base: F32, down: F32, add: F32, add_down: F32, q: Number, seen: U16, out: F32) -> None:
     for k in range(out.shape[0]):
         out[k] = (base[k] + q * down[k]) * np.float32(seen[k]) + (add[k] + q * add_down[k])
 

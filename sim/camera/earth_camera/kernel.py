@@ -7,6 +7,7 @@ of a ray is also its normal (up to the same scaling), so that neither sunlight n
 from __future__ import annotations
 
 import math
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,9 @@ SHELL = A / SCALE_HEIGHT
 """Radius of the Earth in scale heights."""
 TWILIGHT = 0.1
 """Sine of the depth of the Sun at which the air is dark."""
-SINGLE = np.float32
+Number: TypeAlias = Any
+"""A number as wide as its caller chose."""
+SINGLE: Any = np.float32
 """Constants of functions that are as wide as their argument."""
 _SHELL, _SHELL_2, _SHELL_1 = SINGLE(SHELL), SINGLE(SHELL * SHELL), SINGLE(2.0 * SHELL + 1.0)
 _ZERO, _ONE, _UNIT = SINGLE(0.0), SINGLE(1.0), SINGLE(1.0 / FULL)
@@ -71,7 +74,7 @@ def arctan2(y: float, x: float) -> float:
 
 
 @compiled
-def air_mass(mu: float) -> float:
+def air_mass(mu: Number) -> Number:
     """Path through an even shell one scale height thick, in vertical ones; ``mu``: cosine of the zenith distance.
 
     Schoenberg (1929), "Theoretische Photometrie": 1 at the zenith, 39 at the horizon.
@@ -217,13 +220,13 @@ def limb_band(
 
 
 @compiled
-def rayleigh(cosine: float) -> float:
+def rayleigh(cosine: Number) -> Number:
     """A quarter of Rayleigh's phase function, from the cosine of the angle of scattering."""
     return _RAYLEIGH * (_ONE + cosine * cosine)
 
 
 @compiled
-def dusk(mu_sun: float) -> float:
+def dusk(mu_sun: Number) -> Number:
     """How much of the air above a place is in sunlight."""
     low = _ONE + mu_sun * _PER_TWILIGHT
     low = max(_ZERO, low)
@@ -240,7 +243,7 @@ def soften(light: F32, exponent: float) -> None:
 
 
 @compiled
-def decay(x: float) -> float:
+def decay(x: Number) -> Number:
     """exp(-x) for x of at least 0, to 1e-8 of double or 1e-6 of single precision, without branches."""
     x = min(_FAR, x)
     x = x * _PER_64
@@ -251,7 +254,7 @@ def decay(x: float) -> float:
 
 
 @compiled
-def _transmit(mass: F32, light: F32, path: F32, depth: float, gain: float, factor: F32, added: F32) -> None:
+def _transmit(mass: F32, light: F32, path: F32, depth: Number, gain: Number, factor: F32, added: F32) -> None:
     """A row of `shade_band` in one channel: factor on the reflectance, and what is added."""
     per = gain * _UNIT
     for j in range(mass.shape[0]):

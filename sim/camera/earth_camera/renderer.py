@@ -30,7 +30,7 @@ from sim.camera.earth_camera.clouds import cloud_band, noise_lattice, threshold
 from sim.camera.earth_camera.kernel import F32, U8, U16, ground_band, limb_band, optical_depth, shade_band, soften
 from sim.camera.earth_camera.layers import SPARSE, MapLayer, View
 from sim.camera.earth_camera.params import EarthCameraParams
-from sim.camera.earth_camera.patches import origin, sample_cells
+from sim.camera.earth_camera.patches import Desk, origin, sample_cells
 from sim.camera.earth_camera.pose import Pose
 from sim.camera.earth_camera.sampler import map_places, sample_band
 from sim.camera.earth_camera.sky import add_stars, star_light
@@ -177,10 +177,11 @@ class EarthRenderer:
 
     def _ground(
         self, x: F64, y: F64, first: int, step: int, pose: Pose, sun: F64, out: _Nodes, terrain: Terrain | None
-    ) -> None:
+    ) -> bool:
+        """Where rays meet the ground, and its light; whether no ray passes the ellipsoid."""
         lat, lon, light, mass, path = out
         r, dcm = pose.r_CE_E, pose.dcm_CE
-        if not ground_band(x, y, first, step, r, dcm, sun, *out):
+        if not (hit := ground_band(x, y, first, step, r, dcm, sun, *out)):
             limb_band(x, y, first, step, r, dcm, sun, lat, light, mass, path)
         if terrain is not None:  # last: a mountain may stand where the ellipsoid is passed
             terrain_band(x, y, first, step, r, dcm, sun, *terrain, lat, lon, light)
@@ -190,6 +191,7 @@ class EarthRenderer:
             path.fill(0.0)
         elif self.params.sun_exponent != 1.0:
             soften(light, self.params.sun_exponent)
+        return hit
 
     def _heights(self, nodes: _Nodes) -> Terrain | None:
         """Terrain in view, kept as long as the map reader gives the same window."""
@@ -215,14 +217,21 @@ class EarthRenderer:
         mask = np.ones(self.shape, np.bool_)
         smooth = self._smooth(nodes, views) if self.params.interpolated and self._lattice is None else None
 
-        def band(top: int) -> bool:
-            if smooth is not None:
-                _cells(views, smooth, top, image, todo)
-            box = _box(todo, top)
-            return box is not None and self._tile(lens, pose, sun, terrain, views, box, image, todo, mask)
+        tops = iter(range(0, self.shape[0], BAND))  # one for all threads
+
+        def work(_: int) -> bool:
+            desk, sky = Desk(), False
+            for top in tops:
+                box: tuple[int, int, int, int] | None = top, min(top + BAND, self.shape[0]), 0, self.shape[1]
+                if smooth is not None:
+                    _cells(views, smooth, top, image, todo, desk)
+                    box = _box(todo, top)
+                if box is not None:
+                    sky |= self._tile(lens, pose, sun, terrain, views, box, image, todo, mask, desk)
+            return sky
 
         with ThreadPoolExecutor(self.workers) as pool:
-            sky = list(pool.map(band, range(0, self.shape[0], BAND)))
+            sky = list(pool.map(work, range(self.workers)))
         if any(sky) and self.params.star_gain > 0.0:
             u_N, light = self._stars
             count = max(len(pose.dcm_CE), len(pose.dcm_EN))
@@ -247,19 +256,22 @@ class EarthRenderer:
 
     def _tile(
         self, lens: _Lens, pose: Pose, sun: F64, terrain: Terrain | None, views: Sequence[View],
-        box: tuple[int, int, int, int], image: F32, todo: U8, mask: NDArray[np.bool_],
+        box: tuple[int, int, int, int], image: F32, todo: U8, mask: NDArray[np.bool_], desk: Desk,
     ) -> bool:  # fmt: skip
         """Draw a part of the picture ray by ray; pixels of the sky get 2 in ``todo``. Returns whether there is any."""
         top, bottom, left, right = box
         part = slice(top, bottom), slice(left, right)
         x, y = (np.ascontiguousarray(a[part]) for a in (lens.x_tan, lens.y_tan))
-        ground = _Nodes(np.empty(x.shape), np.empty(x.shape), *(np.empty(x.shape, np.float32) for _ in range(3)))
-        self._ground(x, y, top, 1, pose, sun, ground, terrain)
-        here, off = np.ascontiguousarray(todo[part]), np.isnan(ground.lat)
-        want = np.where(off, np.uint8(0), here)
-        asked = want.copy()
-        seen = _reflectance(views, ground, top, left, want)
-        if off.any() or want.any():
+        doubles = desk.array("ground", (2, *x.shape), np.float64)
+        singles = desk.array("light", (3, *x.shape), np.float32)
+        ground = _Nodes(*doubles, *singles)
+        hit = self._ground(x, y, top, 1, pose, sun, ground, terrain)
+        here, off = np.ascontiguousarray(todo[part]), None if hit else np.isnan(ground.lat)
+        asked = here if off is None else np.where(off, np.uint8(0), here)
+        want = asked.copy()
+        seen = _reflectance(views, ground, top, left, want, desk)
+        gaps = off is not None or bool(want.any())
+        if gaps:
             seen[asked == want] = 0
         if self._lattice is not None:
             p, focal = self.params, float(np.sqrt(np.prod(self.camera.focal_px)))
@@ -267,25 +279,26 @@ class EarthRenderer:
                 x, y, top, pose.r_CE_E, pose.dcm_CE, sun, ground.lat, ground.lon, self._lattice,
                 threshold(p.clouds), p.cloud_height, focal, seen, ground.mass, want,
             )  # fmt: skip
-        radiance = np.empty((len(x), 4 * x.shape[1]), np.float32)
+        radiance = desk.array("radiance", (len(x), 4 * x.shape[1]), np.float32)
         flat = seen.reshape(len(x), -1)
         shade_band(flat, ground.light, ground.mass, ground.path, self._depth, self.params.brightness, radiance)
-        whole, drawn = bool(here.all()), here == 1
+        whole = bool(here.all())
         picture = CV.cvtColor(radiance.reshape(*x.shape, 4), cv2.COLOR_RGBA2RGB, image[part] if whole else None)
-        if whole:
-            mask[part] = asked > want
-        else:
+        drawn = here == 1
+        if not whole:
             np.copyto(image[part], picture, where=drawn[..., None])
+        if gaps:
             np.copyto(mask[part], asked > want, where=drawn)
-        sky = bool(off.any())
-        if sky:
-            todo[part][off & drawn] = 2
-        return sky
+        if off is None or not off.any():
+            return False
+        todo[part][off & drawn] = 2
+        return True
 
 
-def _reflectance(views: Sequence[View], ground: _Nodes, top: int, left: int, want: U8) -> U16:
+def _reflectance(views: Sequence[View], ground: _Nodes, top: int, left: int, want: U8, desk: Desk) -> U16:
     """What the maps show at places (rows, columns, 4); ``want`` becomes 0 where one of them has data."""
-    seen, places = np.empty((*want.shape, 4), np.uint16), np.empty((2, *want.shape), np.float32)
+    seen = desk.array("seen", (*want.shape, 4), np.uint16)
+    x, y = desk.array("places", (2, *want.shape), np.float32)
     first, column, cells = top // STEP, left // STEP, _cells_of(want.shape)
     fresh = True
     for view in views:
@@ -294,12 +307,11 @@ def _reflectance(views: Sequence[View], ground: _Nodes, top: int, left: int, wan
             continue
         window = view.window
         rows, columns = window.table.shape[:2]
-        x, y = places
         map_places(window.planes, rows, columns, window.frame, *corner, ground.lat, ground.lon, x, y)
         use = np.empty(cells, np.uint8)
         right, bottom = window.levels[0, 2] - 1.0 - corner[0], window.levels[0, 1] - 1.0 - corner[1]
         if easy_cells(x, y, right, bottom, want, first, column, view.prints, use):
-            sample_cells(view, corner, x, y, first, column, use, seen, fresh)
+            sample_cells(view, corner, x, y, first, column, use, seen, fresh, desk)
             keep_covered(seen.reshape(len(seen), -1), use, want)
         fresh = False
         if want.any():
@@ -307,13 +319,13 @@ def _reflectance(views: Sequence[View], ground: _Nodes, top: int, left: int, wan
     return seen
 
 
-def _cells(views: Sequence[View], smooth: _Smooth, top: int, image: F32, todo: U8) -> None:
+def _cells(views: Sequence[View], smooth: _Smooth, top: int, image: F32, todo: U8, desk: Desk) -> None:
     """Draw the cells to be interpolated in one band."""
     first = top // STEP
     size = min(BAND, image.shape[0] - top), image.shape[1]
     cells = _cells_of(size)
-    seen, places = np.empty((*size, 4), np.uint16), np.empty((2, *size), np.float32)
-    x, y = places
+    seen = desk.array("seen", (*size, 4), np.uint16)
+    x, y = desk.array("places", (2, *size), np.float32)
     fresh = True
     for view, uses in zip(views, smooth.uses, strict=True):
         use = uses[first : first + cells[0]].copy()
@@ -321,11 +333,11 @@ def _cells(views: Sequence[View], smooth: _Smooth, top: int, image: F32, todo: U
         if corner is None or not use.any():
             continue
         spread_places(view.at, first, 0, *corner, x, y)
-        sample_cells(view, corner, x, y, first, 0, use, seen, fresh)
+        sample_cells(view, corner, x, y, first, 0, use, seen, fresh, desk)
         keep_covered(seen.reshape(len(seen), -1), use, todo[top : top + size[0]])
         fresh = False
     if not fresh:
-        radiance = np.empty((size[0], 4 * size[1]), np.float32)
+        radiance = desk.array("radiance", (size[0], 4 * size[1]), np.float32)
         light_cells(seen.reshape(len(seen), -1), first, 0, smooth.colour, radiance)
         CV.cvtColor(radiance.reshape(*size, 4), cv2.COLOR_RGBA2RGB, image[top : top + size[0]])
 
@@ -349,5 +361,7 @@ def _check(pose: Pose) -> None:
 def _box(todo: U8, top: int) -> tuple[int, int, int, int] | None:
     """Rows and columns of a band that still have pixels to draw, or None."""
     band = todo[top : top + BAND]
+    if not band.any():
+        return None
     columns = np.flatnonzero(band.any(axis=0))
-    return None if columns.size == 0 else (top, top + len(band), int(columns[0]) // STEP * STEP, int(columns[-1]) + 1)
+    return top, top + len(band), int(columns[0]) // STEP * STEP, int(columns[-1]) + 1

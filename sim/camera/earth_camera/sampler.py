@@ -9,14 +9,12 @@ import numpy as np
 
 from fsw.math.compiled import compiled
 from messages.base import F64, I64
-from sim.camera.earth_camera.kernel import F32, FULL, U8, U16
+from sim.camera.earth_camera.kernel import F32, FULL, U8, U16, Number
 
 TURN = 2.0 * math.pi
 ONE = np.uint64(1)
 MAX_TAPS = 8
 """Samples along the long axis of a stretched footprint."""
-Number: TypeAlias = Any
-"""A number of the width that its caller chose."""
 FOUR: TypeAlias = tuple[float, float, float, float]
 
 
@@ -95,11 +93,13 @@ def footprints(at: F64, step: int, prints: F32) -> None:
                 continue
             # one sample is good for a footprint that is up to 1.5 times as long as wide
             taps = min(max(math.floor(long / max(short, 0.7, 1e-3 * long) + 0.5), 1.0), MAX_TAPS)
-            angle = 0.5 * math.atan2(2.0 * (a * b + c * d), a * a + c * c - b * b - d * d)
             prints[i, j, 0] = math.log2(max(long / taps, short))
             prints[i, j, 1] = taps
-            prints[i, j, 2] = long / taps * math.cos(angle)
-            prints[i, j, 3] = long / taps * math.sin(angle)
+            prints[i, j, 2], prints[i, j, 3] = 0.0, 0.0
+            if taps > 1.0:
+                angle = 0.5 * math.atan2(2.0 * (a * b + c * d), a * a + c * c - b * b - d * d)
+                prints[i, j, 2] = long / taps * math.cos(angle)
+                prints[i, j, 3] = long / taps * math.sin(angle)
     for _ in range(2):
         for i in range(rows):
             for j in range(columns):
