@@ -187,13 +187,17 @@ def catalogue(args: argparse.Namespace) -> int:
     maps = GeoMap.open(args.map, args.dem)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("landmarks", total=1.0)
+
+        def tick(share: float) -> None:
+            progress.update(task, completed=share)
+
         kept = made.build_catalogue(
             maps,
             region,
             args.gsd,
             levels=args.levels,
             detector=args.detector,
-            tick=lambda share: progress.update(task, completed=share),
+            tick=tick,
         )
     digest = made.write_catalogue(kept, args.output)
     size = args.output.stat().st_size / 1e6
@@ -220,7 +224,9 @@ def camera_of(args: argparse.Namespace, shape: tuple[int, ...]) -> CameraConfigM
     try:
         held = json.loads(args.camera.read_text(encoding="utf-8"))
         held = held.get("camera", held)  # a calibration holds the camera in an entry of its own
-        arrays = {n: np.array(held[n], float) for n in ("focal_px", "center_px", "distortion") if n in held}
+        arrays: dict[str, Any] = {
+            n: np.array(held[n], float) for n in ("focal_px", "center_px", "distortion") if n in held
+        }
         camera = CameraConfigMsg(width_px=held["width_px"], height_px=held["height_px"], **arrays)
     except OSError as error:
         raise ValueError(f"camera file {args.camera} cannot be read ({error.strerror})") from error

@@ -228,16 +228,12 @@ def draw(photo: NDArray[np.uint8], camera: CameraConfigMsg, tracked: Tracked) ->
     (south, west), (north, east) = ground.min(axis=0), ground.max(axis=0)
     step = _nice(max(north - south, (east - west) * math.cos(math.radians(0.5 * (south + north)))) / 5.0)
     size = max(0.4, photo.shape[1] / 2400)
-    lines = [
-        (f"{abs(lat):g} {'S' if lat < 0 else 'N'}", np.full(60, lat), np.linspace(west, east, 60))
-        for lat in _ticks(south, north, step)
-    ]
-    for lon in _ticks(west, east, step):
-        turn = (lon + 180.0) % 360.0 - 180.0
-        name = f"{abs(turn):g} {'W' if turn < 0 else 'E'}"
-        lines.append((name, np.linspace(south, north, 60), np.full(60, lon)))
-    for name, lat, lon in lines:
-        places = np.array([ecef_from_geodetic(a, b, 0.0) for a, b in np.radians([lat, lon]).T.tolist()])
+    along_lat, along_lon = south + (north - south) * np.arange(60.0) / 59, west + (east - west) * np.arange(60.0) / 59
+    lines = [(_degrees(lat, "NS"), 0.0 * along_lon + lat, along_lon) for lat in _ticks(south, north, step)]
+    lines += [(_degrees(lon, "EW"), along_lat, 0.0 * along_lat + lon) for lon in _ticks(west, east, step)]
+    for name, lats, lons in lines:
+        both: list[list[float]] = np.radians(np.column_stack([lats, lons])).tolist()
+        places = np.array([ecef_from_geodetic(a, b, 0.0) for a, b in both])
         pixel = np.empty((60, 2))
         project(lens, (places - fit.r_CE_E) @ fit.dcm_CE.T, pixel)
         shown = (np.abs(pixel) < 1e4).all(axis=1)
@@ -251,6 +247,12 @@ def draw(photo: NDArray[np.uint8], camera: CameraConfigMsg, tracked: Tracked) ->
     for u, v in np.rint(16 * tracked.found.seen).astype(int).tolist():
         CV.circle(canvas, (u, v), round(16 * 10 * size), (80, 255, 80), 1, cv2.LINE_AA, 4)
     return canvas
+
+
+def _degrees(value: float, ends: str) -> str:
+    """Degrees between -180 and 180 with their hemisphere."""
+    turn = (value + 180.0) % 360.0 - 180.0
+    return f"{abs(turn):g} {ends[turn < 0]}"
 
 
 def _nice(step: float) -> float:

@@ -32,8 +32,9 @@ def ground_points(lens: F64, r_CE_E: F64, dcm_CE: F64, pixel: F64, h: float = 0.
         h: geodetic height of the ground [m].
     """
     x, y, z = (float(c) for c in r_CE_E)
-    rays = unit_vectors(lens, pixel) @ dcm_CE
-    return np.array([ray_to_height(x, y, z, *ray, h) for ray in rays.tolist()]).reshape(-1, 3)
+    rays: F64 = unit_vectors(lens, pixel) @ dcm_CE
+    places = [ray_to_height(x, y, z, dx, dy, dz, h) for dx, dy, dz in rays.tolist()]
+    return np.array(places).reshape(-1, 3)
 
 
 def looking_down(lat: float, lon: float, height: float, heading: float, off_nadir: float = 0.0) -> tuple[F64, F64]:

@@ -205,10 +205,10 @@ def refine(
     product = normal[0, 0] * normal[1, 1]
     if not (product - normal[0, 1] ** 2 > 1e-6 * product and normal[2, 2] > 0.0):
         return
-    inverse = np.linalg.inv(normal)
+    inverse: F64 = np.linalg.inv(normal)  # pyright: ignore[reportAssignmentType] (its stub is wider)
     x, y = u, v
     wx, wy, best = np.empty(4), np.empty(4), np.empty(4)
-    settled = False
+    settled, size = False, math.inf
     for _ in range(ROUNDS):
         left, top = math.floor(x), math.floor(y)
         if left - half - 1 < 0 or top - half - 1 < 0 or left + half + 2 >= columns or top + half + 2 >= rows:

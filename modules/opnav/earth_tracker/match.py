@@ -35,7 +35,7 @@ CV: Any = cv2
 class Candidates(NamedTuple):
     """Landmarks matched one by one; n of them."""
 
-    index: NDArray[np.int64]
+    mark: NDArray[np.int64]
     """(n,) in the catalogue."""
     predicted: F64
     """(n, 2) [px]."""
@@ -46,7 +46,7 @@ class Candidates(NamedTuple):
 
     def pick(self, which: NDArray[Any]) -> Candidates:
         """Those that an index or mask array names."""
-        return Candidates(*(part[which] for part in self))
+        return Candidates(self.mark[which], self.predicted[which], self.seen[which], self.score[which])
 
 
 class Fine(NamedTuple):
@@ -66,7 +66,7 @@ class Fine(NamedTuple):
 class Templates(NamedTuple):
     """Chips as seen."""
 
-    index: NDArray[np.int64]
+    mark: NDArray[np.int64]
     """(n,) in the catalogue."""
     predicted: F64
     """(n, 2) predicted places [px]."""
@@ -129,18 +129,18 @@ class Look:
         marks = self.catalogue.landmarks
         seen = self.catalogue.in_view(self.lens, self.shape, pose.r_CE_E, pose.dcm_CE, HALF + 2)
         right = np.flatnonzero((seen.zoom >= ZOOM[0]) & (seen.zoom < ZOOM[1]))
-        worst = marks.sigma[seen.index[right], 1] * seen.zoom[right]
+        worst = marks.sigma[seen.mark[right], 1] * seen.zoom[right]
         chosen = right[evenly(seen.pixel[right], -worst, self.shape, most)]
-        index, predicted = seen.index[chosen], np.ascontiguousarray(seen.pixel[chosen])
+        index, predicted = seen.mark[chosen], np.ascontiguousarray(seen.pixel[chosen])
         centre = np.rint(predicted).astype(np.int64)
         self.watch.stop("query")
         reach = HALF + MARGIN
         if not len(index):
             return Templates(index, predicted, centre, np.empty((0, 2 * HALF + 3, 2 * HALF + 3), np.uint8), np.empty(0))
         nodes = np.empty((len(index), 3, 3, 2))
-        places = (np.ascontiguousarray(part[index]) for part in (marks.lat, marks.lon, marks.r_LE_E, marks.slope))
+        places = marks.lat[index], marks.lon[index], marks.r_LE_E[index], marks.slope[index], marks.gsd[index]
         camera = self.lens, np.ascontiguousarray(pose.r_CE_E), np.ascontiguousarray(pose.dcm_CE)
-        back_project(*camera, *places, marks.gsd[index], centre, reach, 0.5 * (CHIP - 1.0), nodes)
+        back_project(*camera, *places, centre, reach, 0.5 * (CHIP - 1.0), nodes)
         warped, whole = np.empty((len(index), 2 * reach + 1, 2 * reach + 1), np.uint8), np.empty(len(index))
         warp_chips(marks.chips, index, nodes, reach, warped, whole)
         strip = edge_image(warped.reshape(-1, 2 * reach + 1)).reshape(warped.shape)
@@ -165,7 +165,7 @@ class Look:
         inside = (seen >= HALF).all(axis=1) & (seen[:, 0] < columns - HALF) & (seen[:, 1] < rows - HALF)
         good, seen = good[inside], seen[inside]
         self.watch.stop("correlate")
-        return Candidates(templates.index[good], templates.predicted[good], seen, peaks[good, 2]), good
+        return Candidates(templates.mark[good], templates.predicted[good], seen, peaks[good, 2]), good
 
     def agreeing(self, found: Candidates, threshold: float) -> NDArray[np.bool_]:
         """Which candidates agree with one homography from predicted to seen places, to ``threshold`` pixels."""
@@ -183,9 +183,13 @@ class Look:
         fraction = templates.predicted[which] - templates.centre[which]
         photo, cut = self.edges.astype(np.float32), templates.edges[which].astype(np.float32)
         start, out = np.ascontiguousarray(found.seen - fraction), np.empty((len(which), OUT))
+
+        def share(first: int) -> None:
+            refine_all(photo, cut, weight, start, first, WORKERS, out)
+
         with ThreadPoolExecutor(WORKERS) as pool:
-            list(pool.map(lambda k: refine_all(photo, cut, weight, start, k, WORKERS, out), range(WORKERS)))
-        good = np.isfinite(out).all(axis=1)
+            list(pool.map(share, range(WORKERS)))
+        good = np.flatnonzero(np.isfinite(out).all(axis=1))
         out = out[good]
         P_px = out[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
         settled = found.pick(good)._replace(seen=out[:, :2] + fraction[good], score=out[:, 5])

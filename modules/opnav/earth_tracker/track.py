@@ -49,6 +49,7 @@ GATE_ROUNDS = 10
 SETTLED_PX = 1.0
 """The last pass is repeated, from the pose it found, if the landmarks' prediction moves by more than this."""
 CV: Any = cv2
+LINALG: Any = np.linalg
 
 
 class Params(NamedTuple):
@@ -77,7 +78,7 @@ class Tracked(NamedTuple):
 def veiled(fine: Fine) -> NDArray[np.bool_]:
     """Which matches lie under cloud: brighter and flatter than the others, given the map."""
     rows = np.column_stack([np.ones(len(fine.level)), fine.level[:, 1]])
-    weight, error = np.ones(len(rows)), fine.level[:, 0]
+    weight, error, spread = np.ones(len(rows)), fine.level[:, 0], 1.0
     for _ in range(10):  # a line through the levels of map and photo, robust
         line = np.linalg.lstsq(rows * weight[:, None], fine.level[:, 0] * weight, rcond=None)[0]
         error = fine.level[:, 0] - rows @ line
@@ -136,7 +137,7 @@ class Tracker:
     def _scale(self, pose: Pose) -> int:
         """How much smaller the image must be for the finest chips to be fine enough."""
         seen = self.catalogue.in_view(self.lens, self.shape, pose.r_CE_E, pose.dcm_CE, 0.0)
-        finest = seen.zoom[self.catalogue.landmarks.gsd[seen.index] < 1.5 * self.catalogue.gsd]
+        finest = seen.zoom[self.catalogue.landmarks.gsd[seen.mark] < 1.5 * self.catalogue.gsd]
         scale = 1
         while len(finest) and scale < 64 and float(np.median(finest)) / scale >= ZOOM[1]:
             scale *= 2
@@ -169,7 +170,7 @@ class Tracker:
 
     def _fit(self, look: Look, found: Candidates, sigma: F64, pose: Pose) -> Resection | None:
         look.watch.start()
-        places = self.catalogue.landmarks.r_LE_E[found.index]
+        places = self.catalogue.landmarks.r_LE_E[found.mark]
         fit = fit_pose(look.lens, places, found.seen, sigma, pose.r_CE_E, pose.dcm_CE)
         look.watch.stop("pose")
         return fit
@@ -201,7 +202,7 @@ class Tracker:
         """Drop what is uncertain or under cloud, and what disagrees with the pose beyond its covariance."""
         marks = self.catalogue.landmarks
         size = np.sqrt(look.lens[0] * look.lens[1])
-        away = np.linalg.norm(marks.r_LE_E[fine.found.index] - pose.r_CE_E, axis=1)
+        away = np.linalg.norm(marks.r_LE_E[fine.found.mark] - pose.r_CE_E, axis=1)
         extra = FLOOR_PX**2 + (self.params.sigma_map * size / away) ** 2
         P_px = fine.P_px + extra[:, None, None] * np.eye(2)
         sigma = np.sqrt(0.5 * np.trace(P_px, axis1=1, axis2=2))
@@ -214,7 +215,8 @@ class Tracker:
             if fit is None:
                 return None
             pose = Pose(fit.r_CE_E, fit.dcm_CE)
-            error2 = np.einsum("ni,nij,nj->n", fit.residual_px, np.linalg.inv(P_px[keep]), fit.residual_px)
+            precision: F64 = LINALG.inv(P_px[keep])
+            error2: F64 = np.einsum("ni,nij,nj->n", fit.residual_px, precision, fit.residual_px)
             # Half of all squared lengths lie below 1.39 if the covariances are right; what is above is theirs to carry
             grow = max(1.0, float(np.median(error2)) / 1.386 * len(keep) / (len(keep) - 3.0))
             inside = error2 <= GATE2 * grow
@@ -223,7 +225,7 @@ class Tracker:
             keep = keep[inside]
         if fit is None or len(keep) < max(MIN_AGREE, MIN_RIGHT * usable) or len(keep) != len(fit.inlier):
             return None
-        return Tracked(fine.found.pick(keep), marks.r_LE_E[fine.found.index[keep]], grow * P_px[keep], total, fit)
+        return Tracked(fine.found.pick(keep), marks.r_LE_E[fine.found.mark[keep]], grow * P_px[keep], total, fit)
 
     @staticmethod
     def _moved(look: Look, before: Pose, tracked: Tracked) -> float:

@@ -166,8 +166,9 @@ def _squares(region: Region, size: float) -> Generator[Region]:
 
 def _picture(geo_map: GeoMap, square: Region, size: float) -> _Cell | None:
     """The map in the plane that touches the Earth in the middle of a square; None where it has nothing."""
-    shape = (TILE + 2 * MARGIN,) * 2
-    nodes = ((shape[0] - 1) // STEP + 2,) * 2
+    side = TILE + 2 * MARGIN
+    shape = side, side
+    nodes = (side - 1) // STEP + 2, (side - 1) // STEP + 2
     lat, lon = np.empty(nodes), np.empty(nodes)
     lat0, lon0 = 0.5 * (square.south + square.north), 0.5 * (square.west + square.east)
     plane_nodes(lat0, lon0, 0.0, size, 0.5 * (shape[0] - 1.0), STEP, lat, lon)
@@ -222,8 +223,9 @@ def _landmarks(geo_map: GeoMap, cell: _Cell, size: float, spacing: int) -> list[
         if chip is not None:
             column, row = rows[k]
             bounds = np.array([[best[row, column], worst[row, column]]])
-            one = (np.array([v]) for v in (size, a, b, c))
-            found.append(Landmarks(chip[None], *one, slope[k : k + 1], np.array([ecef_from_geodetic(a, b, c)]), bounds))
+            known = np.array([size]), np.array([a]), np.array([b]), np.array([c])
+            place = np.array([ecef_from_geodetic(a, b, c)])
+            found.append(Landmarks(chip[None], known[0], known[1], known[2], known[3], slope[k : k + 1], place, bounds))
     return found
 
 

@@ -59,7 +59,7 @@ class MapFeatures(NamedTuple):
 class Seen(NamedTuple):
     """Landmarks in a view; k of them."""
 
-    index: NDArray[np.int64]
+    mark: NDArray[np.int64]
     """(k,) of the landmarks in the catalogue."""
     pixel: F64
     """(k, 2) predicted column and row [px]."""
@@ -158,10 +158,10 @@ def ground_circle(lens: F64, shape: tuple[int, int], r_CE_E: F64, dcm_CE: F64, m
     undistort(lens, pixel, tangents)
     rays = np.column_stack([tangents, np.ones(9)])
     rays = rays / np.linalg.norm(rays, axis=1)[:, None] @ dcm_CE
-    position = tuple(float(x) for x in r_CE_E)
+    cx, cy, cz = (float(c) for c in r_CE_E)
     ground = np.full((9, 3), np.nan)
-    for k, ray in enumerate(rays.tolist()):
-        lat, lon, distance = ray_to_height(*position, *ray, 0.0)
+    for k, (dx, dy, dz) in enumerate(rays.tolist()):
+        lat, lon, distance = ray_to_height(cx, cy, cz, dx, dy, dz, 0.0)
         if distance > 0.0:
             ground[k] = ecef_from_geodetic(lat, lon, 0.0)
     if not np.isfinite(ground).all():

@@ -64,7 +64,7 @@ def test_photo_is_located(files: Files, capsys: pytest.CaptureFixture[str]) -> N
     assert made["height_m"] == pytest.approx(420e3, abs=500.0)
     assert made["landmarks"] >= 12 and 0.0 < made["sigma_px"] < 0.5 and made["sigma_position_m"] < 1e3
     corners = np.array([made["ground"][n] for n in ("center", "top_left", "bottom_right")])
-    pixel = world.pixels_of(files.shot, world.positions(*corners.T, np.zeros(3)))
+    pixel = world.pixels_of(files.shot, world.positions(corners[:, 0], corners[:, 1], np.zeros(3)))
     assert np.allclose(pixel, [[159.5, 119.5], [0.0, 0.0], [319.0, 239.0]], atol=0.5)
     drawn = CV.imread(str(picture))
     assert drawn.shape == (240, 320, 3) and (drawn[..., 1] > drawn[..., 2]).sum() > 200

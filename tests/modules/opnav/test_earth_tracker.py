@@ -141,7 +141,7 @@ def test_pixels_back_to_the_ground(made_up: MadeUp) -> None:
     shot, lens = made_up.shot, lens_vector(made_up.camera)
     pixel = np.array([[0.0, 0.0], [399.0, 299.0], [120.5, 200.25]])
     places = ground_points(lens, shot.r_CE_E, shot.dcm_CE, pixel, 800.0)
-    ground = world.positions(*np.degrees(places[:, :2]).T, np.full(3, 800.0))
+    ground = world.positions(np.degrees(places[:, 0]), np.degrees(places[:, 1]), np.full(3, 800.0))
     assert np.allclose(world.pixels_of(shot, ground), pixel, atol=1e-6)
     assert np.allclose(np.linalg.norm(ground - shot.r_CE_E, axis=1), places[:, 2], atol=1e-3)
     rays = (ground - shot.r_CE_E) @ shot.dcm_CE.T
@@ -220,8 +220,8 @@ def test_false_photos(itaipu: Catalogue, tried: list[Tried], criterion: Callable
     mirrored, night = np.ascontiguousarray(photo[:, ::-1]), rng.poisson(2.0, photo.shape).astype(np.uint8)
     false = [mirrored, np.ascontiguousarray(photo[::-1]), sky, np.zeros_like(photo), night, noise, elsewhere]
     total = sum(look(itaipu, image, shot.camera, prior).count for image in false)
-    aside = looking_down(*np.radians([-25.34, -54.54]), 5e5, 0.0)
-    over = prior_of(*aside, 2e3, np.radians(0.3))
+    aside = looking_down(np.radians(-25.34), np.radians(-54.54), 5e5, 0.0)
+    over = prior_of(aside[0], aside[1], 2e3, np.radians(0.3))
     total += look(itaipu, last_photo(), STATION, over).count
     criterion("TRACK-7", float(total))
 

@@ -102,12 +102,13 @@ def test_file_comes_back_and_damage_is_seen(catalogue: Catalogue, tmp_path: Path
             read_catalogue(damaged)
     with np.load(file) as held:
         arrays = {name: held[name] for name in held.files}
+    save: Any = np.savez
     for change, said in (
         ({"version": np.array(2)}, "format 2, expected 1"),
         ({"landmark_lat": arrays["landmark_lat"] + 1e-9}, "checksum"),
         ({"gsd_m": np.array(7.0)}, "checksum"),
     ):
-        np.savez(damaged, **{**arrays, **change})
+        save(damaged, **{**arrays, **change})
         with pytest.raises(CatalogueError, match=said):
             read_catalogue(damaged)
     np.savez(damaged, picture=np.zeros(3))
@@ -161,7 +162,7 @@ def test_view_finds_what_projects_into_it() -> None:
         pixel = world.pixels_of(here, globe.landmarks.r_LE_E[near])
         inside = (pixel > 10).all(axis=1) & (pixel < np.array(here.shape[::-1]) - 11.0).all(axis=1)
         assert inside.sum() > 5
-        assert seen.index.tolist() == near[inside].tolist()
+        assert seen.mark.tolist() == near[inside].tolist()
         assert np.allclose(seen.pixel, pixel[inside], atol=1e-6)
         # a chip of 1 km at the middle, some 400 to 500 km below
         height = np.linalg.norm(r) - 6.37e6
@@ -172,15 +173,17 @@ def test_what_cannot_be_made_is_said(geo_map: GeoMap, tmp_path: Path) -> None:
     region = region_of(geo_map.layers[0])
     assert np.allclose(np.degrees(region), [world.LAT - 2.08, world.LON - 2.08, world.LAT + 2.08, world.LON + 2.08])
     elsewhere = Region(*np.radians([10.0, 10.0, 11.0, 11.0]).tolist())
-    for arguments, said in (
+    wrong: list[tuple[dict[str, Any], str]] = [
         ({"region": elsewhere}, "no texture in the region"),
         ({"region": Region(0.2, 0.0, 0.1, 0.1)}, "southern and a northern"),
         ({"gsd": -1.0}, "gsd"),
         ({"detector": "eye"}, "detector: expected one of"),
         ({"levels": 0}, "levels from 1 to 8"),
-    ):
+    ]
+    make: Any = build_catalogue
+    for arguments, said in wrong:
         with pytest.raises(CatalogueError, match=said):
-            build_catalogue(geo_map, **{"gsd": GSD, **arguments})
+            make(geo_map, **arguments)
     flat = world.region(pixels=128)
     flat = flat._replace(texture=np.full_like(flat.texture, 90))
     with pytest.raises(CatalogueError, match="no texture"):
