@@ -45,11 +45,31 @@ def qr_triangle(A: F64, R: F64) -> int:
             continue
         for i in range(m):
             A[i, k] /= length
-            for j in range(k + 1, n):
-                R[k, j] += A[i, k] * A[i, j]
-        for i in range(m):
-            for j in range(k + 1, n):
-                A[i, j] -= R[k, j] * A[i, k]
+        j = k + 1
+        while j + 4 <= n:  # four columns at a time: their sums do not wait for each other
+            s0 = s1 = s2 = s3 = 0.0
+            for i in range(m):
+                q = A[i, k]
+                s0 += q * A[i, j]
+                s1 += q * A[i, j + 1]
+                s2 += q * A[i, j + 2]
+                s3 += q * A[i, j + 3]
+            for i in range(m):
+                q = A[i, k]
+                A[i, j] -= s0 * q
+                A[i, j + 1] -= s1 * q
+                A[i, j + 2] -= s2 * q
+                A[i, j + 3] -= s3 * q
+            R[k, j], R[k, j + 1], R[k, j + 2], R[k, j + 3] = s0, s1, s2, s3
+            j += 4
+        while j < n:
+            s0 = 0.0
+            for i in range(m):
+                s0 += A[i, k] * A[i, j]
+            for i in range(m):
+                A[i, j] -= s0 * A[i, k]
+            R[k, j] = s0
+            j += 1
     return code if finite_triangle(R, False) else NOT_FINITE
 
 

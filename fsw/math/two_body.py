@@ -33,8 +33,10 @@ def gravity_parameter(body_id: int, given: float) -> float:
 
 @compiled
 def pull(r: V3, mu: float) -> V3:
-    """Acceleration -mu r / |r|^3."""
+    """Acceleration -mu r / |r|^3; NaN in the middle."""
     far = math.sqrt(dot(r, r))
+    if far == 0.0:
+        return (math.nan, math.nan, math.nan)
     return scale(-mu / (far * far * far), r)
 
 
