@@ -121,6 +121,7 @@ class OpNavLimbMsg(Message):
     count: Annotated[int, "-", "points found", Bound(ge=0, le=MAX_LIMB)]
     limb_px: Annotated[F64, Shape(MAX_LIMB, 2), "px", "points of the limb (column, row), distorted", NanOk()]
     sigma_px: Annotated[F64, Shape(MAX_LIMB), "px", "standard deviation across the limb", NanOk()]
+    common_px: Annotated[float, "px", "standard deviation of a shift outward that all points share", Bound(ge=0)] = 0.0
 
 
 class OpNavMsg(Message):

@@ -257,6 +257,17 @@ def consensus(B: M3, rays: F64, tries: int, gate: float) -> tuple[bool, V3]:
 
 
 @compiled
+def shared(B: M3, n: V3, rays: F64, inv: M3, gate: float) -> V3:
+    """Change of n if all points that agree lie one pixel further out, (3,); ``inv`` is the covariance of n."""
+    g = (0.0, 0.0, 0.0)
+    for i in range(rays.shape[0]):
+        e, row = at_foot(B, n, rays[i])
+        if math.fabs(e) < gate * rays[i, 6]:
+            g = axpy(1.0 / (rays[i, 6] * rays[i, 6]), row, g)
+    return dot(inv[0], g), dot(inv[1], g), dot(inv[2], g)
+
+
+@compiled
 def median(values: Row) -> float:
     """Middle one of some numbers (the higher of two), by selection; changes their order."""
     low, high, k = 0, values.shape[0] - 1, values.shape[0] // 2

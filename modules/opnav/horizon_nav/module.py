@@ -10,13 +10,13 @@ import numpy as np
 from fsw import Bound, In, KernelModule, Out, Record, Row, Vec3, publish, zeros
 from fsw.math.attitude import mrp_to_dcm
 from fsw.math.camera import LENS_SIZE
-from fsw.math.vectors import dot, mat3, matmul, matvec, norm, scale, transpose, vec3
+from fsw.math.vectors import axpy, dot, mat3, matmul, matvec, norm, scale, transpose, vec3
 from messages.environment import PlanetOrientationMsg
 from messages.opnav import CameraConfigMsg, OpNavLimbMsg, OpNavMsg
 from messages.states import NavAttMsg
 from modules.opnav import relative
 from modules.opnav.horizon_nav.compat import basilisk_position
-from modules.opnav.horizon_nav.kernel import MIN_POINTS, RAY, fit, local_frame, position, rays_of
+from modules.opnav.horizon_nav.kernel import MIN_POINTS, RAY, fit, local_frame, position, rays_of, shared
 
 STRAIGHT = 400.0
 """n . n of a limb so straight (angular radius above 87 degrees) that it is more likely an edge of something else."""
@@ -145,11 +145,17 @@ class HorizonNav(KernelModule):
         if status != relative.VALID:
             out_position.status = status
             return
-        r, P = position(B, n, mat3(inv))
-        dof = kept - 3
+        dof, more = kept - 3, 1.0
         if dof > 0 and chi2 / dof > 1.0 + 4.0 * math.sqrt(2.0 / dof):  # noise that large does not happen by chance
             more = chi2 / dof
-            P = (scale(more, P[0]), scale(more, P[1]), scale(more, P[2]))
+        P_n = mat3(inv)
+        out = scale(in_limb.common_px, shared(B, n, rays, P_n, params.gate))
+        P_n = (
+            axpy(out[0], out, scale(more, P_n[0])),
+            axpy(out[1], out, scale(more, P_n[1])),
+            axpy(out[2], out, scale(more, P_n[2])),
+        )
+        r, P = position(B, n, P_n)
         if not dot(r, matvec(P, r)) <= (params.max_sigma * dot(r, r)) ** 2:
             out_position.status = relative.TOO_UNSURE
             return

@@ -18,6 +18,8 @@ from modules.opnav.limb_finder.compat import canny_points
 BAD_IMAGE = 3
 """The image is too small or too large, or not one at all."""
 MARS = 499
+COMMON_PX = 0.03
+"""Standard deviation of what the model of the profile is wrong by all around: see docs/limb_navigation.md [px]."""
 
 
 class LimbFinder(Module):
@@ -96,4 +98,5 @@ class LimbFinder(Module):
             count=n,
             limb_px=limb_px,
             sigma_px=sigma_px,
+            common_px=0.0 if self.params.basilisk or n == 0 else COMMON_PX,
         )

@@ -323,3 +323,20 @@ def test_no_position_without_inputs() -> None:
     before = nav.out_position.seq
     nav.step(s(1))
     assert nav.out_position.seq == before  # the same limb is not used twice
+
+
+def test_shift_that_all_points_share() -> None:
+    """What `common_px` adds to the covariance is the change of the position when the limb is moved outward."""
+    scene = Scene(SPHERE, 150.0, 10.0, 60.0, 4)
+    nav, feed = scene.module()
+    found: list[OpNavMsg] = []
+    for shift, common in ((0.0, 0.0), (0.0, 0.05), (0.01, 0.0), (-0.01, 0.0)):
+        points = limb_message(scene.exact + shift * scene.normal, SIGMA, common_px=common)
+        feed.write(points, 0)
+        nav.step(0)
+        message = nav.out_position.latest()
+        assert message is not None and message.valid
+        found.append(message)
+    slope = (found[2].r_CP_C - found[3].r_CP_C) / 0.02
+    added = found[1].P_rr_C - found[0].P_rr_C
+    np.testing.assert_allclose(added, 0.05**2 * np.outer(slope, slope), rtol=1e-3, atol=1e-4 * np.max(np.abs(added)))
