@@ -20,6 +20,15 @@ HEAD_ON = 0.15
 """Below this contrast of the light, the whole limb is taken for lit."""
 HORN = math.radians(82.0)
 """Lit limb is what is nearer to the Sun's azimuth; beyond begins the terminator."""
+DEEP = 8.0
+SHARP = 0.42
+"""A limb falls by this share of the light within that depth [px] over 3 px; a terminator by some quarter."""
+CUT = 0.55
+"""Where less of the turn is in the image, the light is known by the sharp falls alone."""
+SHARP_RADIUS = 60.0
+"""On smaller disks a terminator is as sharp as a limb [px]."""
+NEIGHBOURS = 0.02
+"""Of the turn, to each side: craters make a terminator sharp here and there."""
 
 
 class Rays(NamedTuple):
@@ -32,6 +41,8 @@ class Rays(NamedTuple):
     """The ray's part near the limb lies in the image."""
     good: NDArray[np.bool_]
     """It has a fall that stands out."""
+    sharp: NDArray[np.bool_]
+    """The fall is steep: a limb, not a terminator."""
 
 
 def rays(smooth: F32, ellipse: Ellipse, window: float, least: float) -> Rays:
@@ -69,7 +80,10 @@ def rays(smooth: F32, ellipse: Ellipse, window: float, least: float) -> Rays:
     index = fall.shape[1] - 1 - np.argmax(strong[:, ::-1], axis=1)
     d = at[index]
     place = np.column_stack([x0 + nx * d, y0 + ny * d])
-    return Rays(theta, place, fall[np.arange(count), index], inside, good)
+    each = np.arange(count)
+    within = profile[each[:, None], np.maximum(index[:, None] - np.arange(0, round(DEEP / STEP), 2), 0)].max(axis=1)
+    sharp = fall[each, index] > SHARP * (within - profile[each, index + lag])
+    return Rays(theta, place, fall[each, index], inside, good, sharp)
 
 
 class Light(NamedTuple):
@@ -94,6 +108,21 @@ def light_of(seen: Rays) -> Light:
     return Light(math.atan2(c, b), math.hypot(b, c) / max(a, 1e-9) if a > 0 else 2.0)
 
 
+def mostly(which: NDArray[np.bool_], of: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Members of (n,) whose neighbours on both sides, over a turn, mostly are such too."""
+    half = max(2, round(len(which) * NEIGHBOURS))
+    both = np.stack([which, of]).astype(float)
+    around = np.concatenate([both[:, -half:], both, both[:, :half]], axis=1).cumsum(axis=1)
+    near = around[:, 2 * half :] - np.pad(around, ((0, 0), (1, 0)))[:, : len(which)]
+    return which & (near[0] > 0.7 * near[1])
+
+
+def middle_of(seen: Rays) -> Light:
+    """The middle of the limb that is seen, for a disk cut off by the frame."""
+    theta = seen.theta[seen.good]
+    return Light(math.atan2(np.sin(theta).sum(), np.cos(theta).sum()), 1.0)
+
+
 def lit(theta: F64, light: Light, within: float = HORN) -> NDArray[np.bool_]:
     """Azimuths (n,) whose limb is lit for certain: all, if the disk is lit head on, else those near the Sun's [rad]."""
     if light.contrast < HEAD_ON:
@@ -115,14 +144,17 @@ def settle(smooth: F32, start: Ellipse, least: float, sun: Light | None) -> tupl
     windows = [max(4.0, share * e.radius) for share in (0.08, 0.03)] + [4.0, 4.0]
     for window in windows:
         seen = rays(smooth, e, min(window, 60.0), least)
-        light = light_of(seen) if sun is None else sun
+        cut = sun is None and seen.inside.mean() < CUT and e.radius > SHARP_RADIUS
+        if cut:
+            seen = seen._replace(good=seen.good & mostly(seen.good & seen.sharp, seen.inside))
+        light = sun or (middle_of(seen) if cut else light_of(seen))
         used = seen.good & lit(seen.theta, light)
         x, y = seen.place[used].T
         if len(x) < 12 or len(x) < 0.3 * (seen.inside & lit(seen.theta, light)).sum():
             return None
         sigma = np.full(len(x), max(0.5, 0.1 * window))
         made, agree, scale = fit(e._replace(oval_x=0.0, oval_y=0.0), x, y, sigma, False, max(window, 2.0), 5)
-        if used.mean() > 0.2:
+        if used.mean() > 0.2 and not cut:
             oval, agree_oval, scale_oval = fit(e, x, y, sigma, True, max(window, 2.0), 5)
             if agree_oval.sum() > 1.04 * agree.sum() or scale_oval < 0.75 * scale:
                 made, agree = oval, agree_oval

@@ -13,7 +13,7 @@ from messages.base import F64
 MAX_OVAL = 0.25
 """Largest logarithm of an axis to the mean radius: 1.65 is the ratio of the axes."""
 
-PRIOR_OVAL = 0.03
+PRIOR_OVAL = 0.015
 """Standard deviation of the ovals that is assumed before any point is seen."""
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from messages.base import F64
 from modules.opnav.disks.ellipse import Ellipse, azimuths
 from modules.opnav.disks.grey import F32
+from modules.opnav.disks.normal import normal
 
 OUTSIDE_PX = 6.0
 INSIDE_PX = 7.0
@@ -122,14 +123,7 @@ def band_of(values: F32, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, c
 
 def _normal(group: NDArray[np.int64], count: int, columns: list[F64], target: F64, weight: F64) -> tuple[F64, F64]:
     """Normal equations (count, k, k) and (count, k) of each group."""
-    k = len(columns)
-    a, b = np.empty((count, k, k)), np.empty((count, k))
-    weighted = [c * weight for c in columns]
-    for i in range(k):
-        b[:, i] = np.bincount(group, weighted[i] * target, count)
-        for j in range(i, k):
-            a[:, i, j] = a[:, j, i] = np.bincount(group, weighted[i] * columns[j], count)
-    return a, b
+    return normal(group, count, np.array(columns), target, weight)
 
 
 class Shapes(NamedTuple):

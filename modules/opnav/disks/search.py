@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from messages.base import F64
 from modules.opnav.disks.checks import surroundings
-from modules.opnav.disks.coarse import Light, Rays, lit, settle
+from modules.opnav.disks.coarse import CUT, Light, Rays, lit, settle
 from modules.opnav.disks.ellipse import Ellipse
 from modules.opnav.disks.grey import F32, to_grey
 from modules.opnav.disks.limb import Limb, limb_points
@@ -33,11 +33,15 @@ MIN_POINTS = 12
 NEAR_PX = 1.5
 """If the outline moves by more than this, the points are measured once more from there."""
 SCATTER_PX = 0.3
-SCATTER = 0.003
+SCATTER = 0.004
 MAX_SCATTER_PX = 0.7
 """Points may scatter by this and this share of the radius (relief), or by 2.5 times what noise does, up to this."""
 MAX_SIGMA = 0.07
 """Largest standard deviation of a radius, to the radius: where a line would do as well, there is no disk."""
+WHOLE_ARC = math.radians(75.0)
+"""Least limb of a disk that the frame does not cut off."""
+CUT_SIGMA = 0.12
+"""The same for a disk that the frame cuts off."""
 
 
 class DiskStatus(enum.IntEnum):
@@ -54,11 +58,11 @@ class Disk(NamedTuple):
     """A disk and its limb."""
 
     ellipse: Ellipse
-    """A circle, unless the points say clearly that it is none."""
+    """The mean of all nearly round ones that would look the same."""
     oval: bool
-    """Whether an ellipse was needed."""
+    """Whether the points say clearly that it is no circle."""
     P: F64
-    """(3, 3) covariance of column, row and mean radius [px^2]; for an ellipse (5, 5), with both ovals."""
+    """(5, 5) covariance of column, row, mean radius [px] and both ovals."""
     limb: Limb
     """The points that agree; their sigma is as large as their scatter says."""
     arc: float
@@ -170,7 +174,9 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     rough = max(SCATTER_PX + SCATTER * e.radius, min(2.5 * blind, MAX_SCATTER_PX))
     if fitted.keep.mean() < MIN_KEPT or rms > rough:
         return "points that do not agree"
-    if arc < options.min_arc or not math.sqrt(fitted.P[2, 2]) < MAX_SIGMA * e.radius:
+    cut = bool(seen.inside.mean() < CUT)
+    most, least = (CUT_SIGMA, options.min_arc) if cut else (MAX_SIGMA, max(options.min_arc, WHOLE_ARC))
+    if arc < least or not math.sqrt(fitted.P[2, 2]) < most * e.radius:
         return "too little of a circle"
     if not options.min_radius <= e.radius <= options.max_radius:
         return "a radius outside of the limits"
