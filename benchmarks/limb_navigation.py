@@ -67,7 +67,10 @@ def _split(v: F64, P: F64, sight: F64) -> tuple[float, float, float]:
 
 def measure(case: Case, runs: int, seed: int = 1, circle: bool = True) -> Row:
     """Run a case with new places, attitudes and noise each time."""
-    rng, taken, circles, bounds = np.random.default_rng(seed), [], [], []
+    rng = np.random.default_rng(seed)
+    taken: list[tuple[float, ...]] = []
+    circles: list[tuple[float, ...]] = []
+    bounds: list[tuple[float, ...]] = []
     for k in range(runs):
         given = case if case.law != "any" else case._replace(law=LAWS[k % 2])
         scene = Scene(given, rng)

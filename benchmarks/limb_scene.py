@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from fsw import Module, OutPort
 from fsw.math.bodies import body as table_body
@@ -184,7 +184,10 @@ class Scene:
         rows, columns = self.camera.height_px, self.camera.width_px
         y, x = np.mgrid[0:rows, 0:columns]
         pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
-        away, which = cKDTree(limb).query(pixels, distance_upper_bound=BAND_PX)
+        tree: Any = KDTree(limb)
+        away: F64
+        which: NDArray[np.int64]
+        away, which = tree.query(pixels, distance_upper_bound=BAND_PX)
         found = np.isfinite(away)
         d, sector = np.zeros(len(away)), np.full(len(away), -1)
         d[found] = self.across(pixels[found], which[found])
@@ -207,7 +210,8 @@ class Scene:
 
     def errors(self, points: F64) -> F64:
         """How far outside of the exact limb points (n, 2) are [px]."""
-        return self.across(points, cKDTree(self.truth.limb_px).query(points)[1])
+        tree: Any = KDTree(self.truth.limb_px)
+        return self.across(points, tree.query(points)[1])
 
     def picture(self, light: F32, seed: int) -> U8:
         """A picture with noise."""
@@ -232,7 +236,7 @@ def _light(d: F64, radius: float) -> F64:
     depth = np.maximum(-(grid[:, None] + offsets), 0.0)
     inside = (grid[:, None] + offsets < 0.0) * 1.0
     arch = np.sqrt(depth * np.maximum(2.0 * radius - depth, 0.0)) / radius
-    parts = [inside @ weights, arch @ weights, depth @ weights / 8.0]
+    parts: list[F64] = [inside @ weights, arch @ weights, depth @ weights / 8.0]
     return np.column_stack([np.ones_like(d), *(np.interp(d, grid, p) for p in parts)])
 
 

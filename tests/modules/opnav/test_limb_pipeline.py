@@ -13,7 +13,7 @@ from benchmarks.limb_scene import Case, Scene
 
 
 def test_bound_is_that_of_the_closed_form() -> None:
-    """A full disk, its light known: sigma of N edges is the same in sqrt(2 / N) across and 1 / (tan(rho) sqrt(N)) along."""
+    """A full disk, its light known: sqrt(2 / N) across, 1 / (tan(rho) sqrt(N)) along, for N edges of the same sigma."""
     scene = Scene(Case(60.0, 0.0, law="lommel_seeliger"), np.random.default_rng(2))
     unknown, known = (np.linalg.inv(f) for f in scene.information())
     slope = math.tan(math.asin(scene.body.axes.mean() / scene.range))
