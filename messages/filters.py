@@ -1,10 +1,10 @@
-"""Messages of filters: the estimate with its covariance, what a measurement said, and whether it was used."""
+"""Messages of filters and of attitude from directions: estimates with their covariance, and what measurements said."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, Shape, Vec3
+from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, Shape, Vec3, Vec4
 
 
 class OpNavFilterMsg(Message):
@@ -54,3 +54,29 @@ class HeadingFilterMsg(Message):
     residual: Annotated[Vec3, "-", "measured minus estimated direction after the update, B components", NanOk()]
     used: Annotated[int, "-", "measurements used since the start", Bound(ge=0)]
     refused: Annotated[int, "-", "measurements refused since the start", Bound(ge=0)]
+
+
+MAX_DIRECTIONS = 16
+"""Capacity of `DirectionsMsg`."""
+
+
+class DirectionsMsg(Message):
+    """Directions measured in B and known in N, such as to the Sun, along the field, to stars; beyond ``count`` NaN."""
+
+    exposure_ns: Annotated[int, "ns", "time of the measurements, simulation time"]
+    valid: Annotated[bool, "-", "the directions may be used"]
+    count: Annotated[int, "-", "number of directions", Bound(ge=0, le=MAX_DIRECTIONS)]
+    measured_B: Annotated[F64, Shape(MAX_DIRECTIONS, 3), "-", "measured directions, of any length, B", NanOk()]
+    known_N: Annotated[F64, Shape(MAX_DIRECTIONS, 3), "-", "the same directions as known, of any length, N", NanOk()]
+    sigma: Annotated[F64, Shape(MAX_DIRECTIONS), "rad", "standard deviation about each axis across it", NanOk()]
+
+
+class AttitudeFixMsg(Message):
+    """Attitude from directions of one instant. If not ``valid``, the numbers are NaN."""
+
+    exposure_ns: Annotated[int, "ns", "time of the measurements, simulation time"]
+    valid: Annotated[bool, "-", "the attitude passed every check"]
+    status: Annotated[int, "-", "0 valid, else the check that failed; see the spec of the writer"]
+    beta_BN: Annotated[Vec4, "-", "attitude of B relative to N, Euler parameters, scalar first, not negative", NanOk()]
+    P_att: Annotated[Mat3, "rad^2", "covariance of the attitude error, B components", NanOk()]
+    loss: Annotated[float, "-", "weighted squares that remain, by their degrees of freedom; about 1", NanOk()]
