@@ -35,7 +35,7 @@ HARMONICS = np.arange(3.0, 120.0)
 SPECTRUM = HARMONICS**-2.3 / (HARMONICS**-2.3).sum()
 """Shares of relief's variance: limbs of Saturn's moons fall with the harmonic to the power of 2 to 2.5 (Nimmo 2011)."""
 _TURNS = np.linspace(0.0, 2.0 * math.pi, 2001)
-RELIEF_TABLE = _TURNS, np.cos(_TURNS[:, None] * HARMONICS) @ SPECTRUM
+RELIEF_TABLE: F64 = np.cos(_TURNS[:, None] * HARMONICS) @ SPECTRUM
 """Its correlation over azimuth."""
 RELIEF = np.geomspace(3e-5, 0.02, 14)
 RELIEF_PRIOR = -0.5 * (np.log(RELIEF / 7e-4) / 1.4) ** 2
@@ -139,7 +139,7 @@ def estimate(e: Ellipse, limb: Limb, sigma: F64) -> tuple[Ellipse, F64]:
     """
     b = bins_of(e, limb, sigma)
     turn = np.abs(b.theta[:, None] - b.theta)
-    relief = np.interp(turn, *RELIEF_TABLE) * e.radius**2
+    relief: F64 = np.asarray(np.interp(turn, _TURNS, RELIEF_TABLE), float) * e.radius**2
     # In the axes of relief whitened by noise, all mixtures q^2 V + s^2 relief are diagonal
     root = np.linalg.inv(np.linalg.cholesky(b.V))
     size, axes = np.linalg.eigh(root @ relief @ root.T)
@@ -174,16 +174,3 @@ def estimate(e: Ellipse, limb: Limb, sigma: F64) -> tuple[Ellipse, F64]:
     spread = (chance[..., None, None] * (P + off[..., :, None] * off[..., None, :])).sum(axis=(0, 1))
     spread[2, 2] += MODEL_PX**2
     return Ellipse(*(np.array(e) + mean / unit)), spread / np.outer(unit, unit)
-
-
-def correlation(residual: F64) -> float:
-    """By how much neighbouring residuals (n,), in order along the limb, agree: the factor on a mean's variance."""
-    n = len(residual)
-    r = residual - residual.mean()
-    power, total = float(r @ r), 1.0
-    for lag in range(1, n // 4):
-        rho = float(r[:-lag] @ r[lag:]) / max(power, 1e-30)
-        if rho < 2.0 / math.sqrt(n):
-            break
-        total += 2.0 * rho
-    return total

@@ -15,7 +15,6 @@ from messages.environment import EphemerisMsg
 from messages.opnav import CameraConfigMsg, CameraImageMsg, OpNavLimbMsg
 from messages.states import NavAttMsg
 from modules.opnav.disks import find_disks
-from modules.opnav.disks.outline import correlation
 from modules.opnav.disks.sun import sun_in_image
 from modules.opnav.limb_finder import LimbFinder
 from tests.modules.opnav import disk_scenes as scenes
@@ -163,14 +162,6 @@ def test_nothing_and_bad_input() -> None:
     assert not look(noisy, basilisk=True, least=10**6).valid
     with pytest.raises(ValueError, match="odd number, got 4"):
         LimbFinder("finder", LimbFinder.Params(blur_px=4))
-
-
-def test_correlation_of_residuals() -> None:
-    """White noise: 1; a running mean of 9: 9, up to the sampling error."""
-    rng = np.random.default_rng(1)
-    white = rng.normal(size=4000)
-    assert correlation(white) == pytest.approx(1.0, abs=0.1)
-    assert correlation(np.convolve(white, np.ones(9), "valid")) == pytest.approx(9.0, rel=0.2)
 
 
 def test_blur_is_found() -> None:
