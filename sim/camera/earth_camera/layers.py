@@ -72,6 +72,7 @@ class MapLayer:
     def __init__(self, raster: Raster) -> None:
         """Nothing is read before the first view."""
         self.raster = raster
+        self._around = _around(raster)
         self._window: Window | None = None
 
     def view(self, lat: F64, lon: F64, step: int) -> View | None:
@@ -92,7 +93,7 @@ class MapLayer:
             return None
         if self._window is not None:
             seen = _seen(self._window, lat, lon, step)
-            if _serves(self._window, self.raster, seen, lat, lon):
+            if _serves(self._window, self.raster, self._around, seen, lat, lon):
                 return seen
         self._window = self._load(lat[::SPARSE, ::SPARSE], lon[::SPARSE, ::SPARSE], step * SPARSE)
         return None if self._window is None else _seen(self._window, lat, lon, step)
@@ -103,14 +104,22 @@ class MapLayer:
         if not known.any():
             return None
         rows, columns = self.raster.shape
+        around, middle = self._around, 0.0
+        if around is not None:  # the edges of the map meet: count on beyond them, from the middle of the view
+            middle = _middle(column[known], around)
+            column = _near(column, middle, around)
         across = np.concatenate([_lengths(column, row, axis).ravel() for axis in (0, 1)])
         across = across[np.isfinite(across) & (across > 0.0)]
         finest = float(np.percentile(across, 2)) / step if across.size else 1.0
         reach = float(np.percentile(across, 90)) if across.size else 0.0
         spans: list[tuple[int, int]] = []
-        for at, size in ((column[known], columns), (row[known], rows)):
+        for at, size, closed in ((column[known], columns, around is not None), (row[known], rows, False)):
             margin = MARGIN * float(np.ptp(at)) + reach + 16.0
-            low, high = max(0.0, float(at.min()) - margin), min(float(size), float(at.max()) + margin)
+            low, high = float(at.min()) - margin, float(at.max()) + margin
+            if closed:
+                low, high = max(low, middle - 0.5 * size), min(high, middle + 0.5 * size)
+            else:
+                low, high = max(0.0, low), min(float(size), high)
             if low >= high:
                 return None
             spans.append((math.floor(low), math.ceil(high)))
@@ -120,16 +129,41 @@ class MapLayer:
             factor *= 2
         while factor > 1 and factor > min(high - low for low, high in spans):
             factor //= 2
+        if around is not None:
+            left = math.floor(spans[0][0] / factor) * factor
+            right = min(spans[0][1], left + columns)
+            shift = -columns if right > columns else columns if right <= 0 else 0
+            spans[0] = left + shift, right + shift
         return self._read(spans, factor, exact=factor == 1 or factor > wanted)
 
     def _read(self, spans: list[tuple[int, int]], factor: int, *, exact: bool) -> Window:
         (left, right), (top, bottom) = spans
         size = (right - left) // factor, (bottom - top) // factor
         pixels = read_pixels(self.raster, left, top, size, factor)
-        table, frame, box = _table(self.raster, left, top, size, factor)
+        table, frame, box = _table(self.raster, self._around, left, top, size, factor)
         planes = np.ascontiguousarray(np.moveaxis(table, 2, 0)).reshape(2, -1)
         whole = (left, top) == (0, 0) and (bottom, right) == self.raster.shape
         return Window(left, top, factor, whole, exact, *pyramid(pixels), table, planes, frame, box)
+
+
+def _around(raster: Raster) -> float | None:
+    """Columns of a full turn of longitude if the map goes once around the Earth and its edges meet, or None."""
+    middle = raster.middle_lon_deg
+    lon = np.radians([middle - 180.0, middle, middle + 180.0 - 1e-9])
+    column, _ = raster.locate(np.zeros(3), lon)
+    turn = float(column[2] - column[0])
+    even = abs(0.5 * (column[0] + column[2]) - column[1]) < 0.01
+    return float(raster.shape[1]) if even and abs(turn - raster.shape[1]) < 0.01 else None
+
+
+def _middle(column: F64, around: float) -> float:
+    """The mean of columns that are angles."""
+    return float(np.angle(np.exp(2j * np.pi / around * column).mean()) * around / (2.0 * np.pi))
+
+
+def _near(column: F64, middle: float, around: float) -> F64:
+    """Columns less than half a turn from a middle."""
+    return middle + np.remainder(column - middle + 0.5 * around, around) - 0.5 * around
 
 
 def _lengths(column: F64, row: F64, axis: int) -> F64:
@@ -144,7 +178,7 @@ def _seen(window: Window, lat: F64, lon: F64, step: int) -> View:
     return View(window, at, prints)
 
 
-def _serves(window: Window, raster: Raster, seen: View, lat: F64, lon: F64) -> bool:
+def _serves(window: Window, raster: Raster, around: float | None, seen: View, lat: F64, lon: F64) -> bool:
     """Whether a window holds all that a view needs, as fine as it needs it."""
     known = np.isfinite(seen.at[..., 0])
     x, y = seen.at[..., 0][known], seen.at[..., 1][known]
@@ -160,12 +194,19 @@ def _serves(window: Window, raster: Raster, seen: View, lat: F64, lon: F64) -> b
             return False
         if turn.min() < low_lon - wide or turn.max() > high_lon + wide:
             return False
+        begin_x = window.left <= 0
         end_x = window.left + columns * window.factor + window.factor > raster.shape[1]
+        if around is not None:
+            begin_x = end_x = columns * window.factor + window.factor > raster.shape[1]
         end_y = window.top + rows * window.factor + window.factor > raster.shape[0]
-        if (x.min() < 0.0 and window.left > 0) or (y.min() < 0.0 and window.top > 0):
+        if (x.min() < 0.0 and not begin_x) or (y.min() < 0.0 and window.top > 0):
             return False
         if (x.max() > columns - 1.0 and not end_x) or (y.max() > rows - 1.0 and not end_y):
             return False
+    if around is not None and columns * window.factor + window.factor > raster.shape[1]:
+        turn = around / window.factor
+        if abs(float(_near(np.array(_middle(x, turn)), 0.5 * columns, turn)) - 0.5 * columns) > 0.25 * turn:
+            return False  # the edges of the window are in view
     return window.exact or float(np.percentile(seen.prints[..., 0], 2)) > -0.8
 
 
@@ -177,7 +218,7 @@ def read_pixels(raster: Raster, left: int, top: int, size: tuple[int, int], fact
 
     Args:
         raster: the file.
-        left: first column.
+        left: first column, a negative multiple of ``factor`` to begin at the other side of the map.
         top: first row.
         size: columns and rows of the result.
         factor: pixels of the file to one of the result.
@@ -186,6 +227,10 @@ def read_pixels(raster: Raster, left: int, top: int, size: tuple[int, int], fact
         MapError: if the file cannot be read.
     """
     width, height = size
+    if left < 0:  # across the edge of a map that goes around the Earth
+        split = -left // factor
+        west = read_pixels(raster, raster.shape[1] + left, top, (split, height), factor)
+        return np.concatenate([west, read_pixels(raster, 0, top, (width - split, height), factor)], axis=1)
     window = RasterWindow(left, top, width * factor, height * factor)  # pyright: ignore[reportCallIssue]
     average = factor > 1 and raster.palette is None
     how = Resampling.average if average else Resampling.nearest
@@ -233,7 +278,7 @@ def pyramid(pixels: U16) -> tuple[U16, I64]:
 
 
 def _table(
-    raster: Raster, left: int, top: int, size: tuple[int, int], factor: int
+    raster: Raster, around: float | None, left: int, top: int, size: tuple[int, int], factor: int
 ) -> tuple[F64, F64, tuple[float, float, float, float]]:
     """The table from places to pixels of a window, its frame, and what it covers."""
     width, height = size
@@ -254,17 +299,22 @@ def _table(
     if high[1] - low[1] > 6.1 and raster.epsg not in (3857, 4326):  # all around a pole
         low[0], high[0] = (low[0], 0.5 * math.pi) if high[0] > 0.0 else (-0.5 * math.pi, high[0])
         low[1], high[1] = -math.pi, math.pi
+    centre = left + 0.5 * (width - 1) * factor
+
+    def located(nodes: list[F64]) -> F64:
+        at = _located(raster, nodes, middle, left, top, factor)
+        if around is not None:
+            at[..., 0] = _near(at[..., 0], (centre - left + 0.5) / factor - 0.5, around / factor)
+        return at
+
     counts = [2, 2]
     while True:
         nodes = [np.linspace(a, max(b, a + 1e-9), n) for a, b, n in zip(low, high, counts, strict=True)]
-        table = _located(raster, nodes, middle, left, top, factor)
+        table = located(nodes)
         halves = [0.5 * (a[1:] + a[:-1]) for a in nodes]
         errors = [
-            np.abs(_located(raster, [halves[0], nodes[1]], middle, left, top, factor) - 0.5 * (table[1:] + table[:-1])),
-            np.abs(
-                _located(raster, [nodes[0], halves[1]], middle, left, top, factor)
-                - 0.5 * (table[:, 1:] + table[:, :-1])
-            ),
+            np.abs(located([halves[0], nodes[1]]) - 0.5 * (table[1:] + table[:-1])),
+            np.abs(located([nodes[0], halves[1]]) - 0.5 * (table[:, 1:] + table[:, :-1])),
         ]
         again = False
         for k, error in enumerate(errors):
