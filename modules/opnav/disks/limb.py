@@ -23,6 +23,12 @@ from modules.opnav.disks.normal import normal
 OUTSIDE_PX = 6.0
 INSIDE_PX = 7.0
 GRID = 0.02
+TAILS = 1.35, 2.2
+PARTS = 8
+"""Of a profile: sky, step, arch, slope, two of the tails, and how step and arch change along the sector."""
+PRIOR = np.array([1e3, 1e3, 4.0, 1.0, 0.3, 0.3, 1.0, 4.0])
+COARSE_PRIOR = np.array([1e3, 1e3, 4.0, 1.0, 1e-6, 1e-6, 1e-6, 1e-6])
+"""Standard deviations of the parts to the height of the whole fall: sky and step are free."""
 BLURS = tuple(0.4 * 1.2**k for k in range(13))
 """Standard deviations of the blur that are tried [px]; a parabola finds the best between them."""
 SHAPE_PIXELS = 3000
@@ -58,6 +64,8 @@ class Band(NamedTuple):
     d: F64
     value: F64
     sector: NDArray[np.int64]
+    along: F64
+    """Place in the sector, from -1 to 1."""
     cell: NDArray[np.int64]
     sectors: int
     cells: int
@@ -65,26 +73,29 @@ class Band(NamedTuple):
 
 @functools.lru_cache(512)
 def _tables(blur: float, radius: float) -> F64:
-    """(4, 3, m): step, arch, slope; then their derivatives; on a grid of distances from -INSIDE_PX - 3."""
-    reach = 6.0 * blur
+    """(2, 5, m): step, arch, slope, two of the tails, and their derivatives; by distance from -INSIDE_PX - 3 on."""
+    half = round(6.0 * TAILS[1] * blur / GRID)
+    reach = half * GRID
     fine = np.arange(-INSIDE_PX - 3.0 - reach, OUTSIDE_PX + 3.0 + reach + 0.5 * GRID, GRID)
     depth = np.minimum(np.maximum(-fine, 0.0), radius)
     inside = np.where(np.abs(fine) < 0.25 * GRID, 0.5, fine < 0.0)
     raw = np.array([inside * 1.0, np.sqrt(depth * (2.0 * radius - depth)) / radius, depth / 8.0])
-    half = round(reach / GRID)
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * GRID / blur) ** 2)
-    kernel /= kernel.sum()
-    smooth = np.array([np.convolve(r, kernel, "valid") for r in raw])
+    across = np.arange(-half, half + 1) * GRID / blur
+    kernels = [np.exp(-0.5 * (across / w) ** 2) for w in (1.0, *TAILS)]
+    narrow, *wide = [k / k.sum() for k in kernels]
+    pairs = [(r, narrow) for r in raw] + [(raw[0], w - narrow) for w in wide]
+    smooth = np.array([np.convolve(r, k, "valid") for r, k in pairs])
     return np.array([smooth, np.gradient(smooth, GRID, axis=1)])
 
 
-def _shape(d: F64, blur: float, radius: float) -> tuple[F64, F64]:
-    """Values and derivatives (3, n) of the three parts at distances (n,)."""
+def _shape(d: F64, along: F64, blur: float, radius: float) -> tuple[F64, F64]:
+    """Values and derivatives (7, n) of the parts at distances (n,); the last two are step and arch times ``along``."""
     # A radius to 12 % is near enough: the arch is as good as the root of the depth
     table = _tables(round(blur, 3), math.exp(round(math.log(radius) / 0.12) * 0.12))
     at = np.rint((d + (INSIDE_PX + 3.0)) / GRID).astype(np.int64)
     both = table.take(np.clip(at, 0, table.shape[2] - 1), axis=2)
-    return both[0], both[1]
+    values = both[0] + (d + (INSIDE_PX + 3.0) - GRID * at) * both[1]
+    return np.vstack([values, along * values[:2]]), np.vstack([both[1], along * both[1, :2]])
 
 
 def band_of(values: F32, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, cells: int, sectors: int) -> Band:
@@ -118,7 +129,9 @@ def band_of(values: F32, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, c
     keep = (d < OUTSIDE_PX) & (d > -depths[index]) & azimuths[index]
     d, turn, row, column = d[keep], turn[keep], row[keep], column[keep]
     cell = np.minimum((turn * cells).astype(np.int64), cells - 1)
-    return Band(d, values[row, column].astype(float), cell * sectors // cells, cell, sectors, cells)
+    sector = cell * sectors // cells
+    along = 2.0 * (turn * sectors - sector) - 1.0
+    return Band(d, values[row, column].astype(float), sector, along, cell, sectors, cells)
 
 
 def _normal(group: NDArray[np.int64], count: int, columns: list[F64], target: F64, weight: F64) -> tuple[F64, F64]:
@@ -139,27 +152,28 @@ class Shapes(NamedTuple):
     alone: F64
 
 
-def _fit_shapes(band: Band, radius: float, blur: float, shift: F64, weight: F64, noise: float, rounds: int) -> Shapes:
+def _fit_shapes(
+    band: Band, radius: float, blur: float, shift: F64, weight: F64, noise: float, rounds: int, fine: bool = False
+) -> Shapes:
     m, ones = band.sectors, np.ones(len(band.d))
-    part, a, ridge = np.zeros((m, 4)), np.zeros((m, 5, 5)), np.zeros((m, 4, 4))
+    part, a, ridge = np.zeros((m, PARTS)), np.zeros((m, PARTS + 1, PARTS + 1)), np.zeros((m, PARTS, PARTS))
     residual = ones
-    # Sky and step are free; arch and slope are not expected to be more than a few times the height of the whole fall
     height = np.ptp(np.percentile(band.value, [2.0, 98.0])) + noise
-    ridge[:, range(4), range(4)] = (noise / height / np.array([1e3, 1e3, 4.0, 1.0])) ** 2
+    ridge[:, range(PARTS), range(PARTS)] = (noise / height / (PRIOR if fine else COARSE_PRIOR)) ** 2
     for _ in range(rounds):
-        s, ds = _shape(band.d - shift[band.sector], blur, radius)
+        s, ds = _shape(band.d - shift[band.sector], band.along, blur, radius)
         a, b = _normal(band.sector, m, [ones, *s], band.value, weight)
         part = np.linalg.solve(a + ridge, b[..., None])[..., 0]
         slant = -(part[band.sector, 1:].T * ds).sum(axis=0)
         residual = band.value - part[band.sector, 0] - (part[band.sector, 1:].T * s).sum(axis=0)
         a, b = _normal(band.sector, m, [ones, *s, slant], residual, weight)
-        a[:, :4, :4] += ridge
-        b[:, :4] -= (ridge @ part[..., None])[..., 0]
-        a[:, 4, 4] += noise**2  # a shift of a pixel is as unlikely as one sigma
-        step = np.linalg.solve(a, b[..., None])[..., 0][:, 4]
+        a[:, :PARTS, :PARTS] += ridge
+        b[:, :PARTS] -= (ridge @ part[..., None])[..., 0]
+        a[:, PARTS, PARTS] += noise**2  # a shift of a pixel is as unlikely as one sigma
+        step = np.linalg.solve(a, b[..., None])[..., 0][:, PARTS]
         shift = np.clip(shift + np.clip(step, -0.7, 0.7), -2.5, 2.5)
     covariance = np.linalg.inv(a)
-    count = np.maximum(np.bincount(band.sector, weight, m) - 5.0, 1.0)
+    count = np.maximum(np.bincount(band.sector, weight, m) - (PARTS + 1.0), 1.0)
     square = np.bincount(band.sector, weight * residual**2, m) / count
     rough = np.sqrt(np.maximum(square, noise**2))
     return Shapes(
@@ -168,12 +182,12 @@ def _fit_shapes(band: Band, radius: float, blur: float, shift: F64, weight: F64,
         blur,
         float((weight * residual**2).sum()),
         rough,
-        np.sqrt(np.maximum(covariance[:, 4, 4], 0.0)) * rough,
-        rough / np.sqrt(np.maximum(a[:, 4, 4], 1e-12)),
+        np.sqrt(np.maximum(covariance[:, PARTS, PARTS], 0.0)) * rough,
+        rough / np.sqrt(np.maximum(a[:, PARTS, PARTS], 1e-12)),
     )
 
 
-def _best_shapes(band: Band, radius: float, noise: float, weight: F64) -> Shapes:
+def _best_shapes(band: Band, radius: float, noise: float, weight: F64, fine: bool) -> Shapes:
     """Shapes with the blur that explains the pixels best."""
     zero = np.zeros(band.sectors)
     tried: dict[int, Shapes] = {}
@@ -188,19 +202,19 @@ def _best_shapes(band: Band, radius: float, noise: float, weight: F64) -> Shapes
             break
         at = best
     if not 0 < at < len(BLURS) - 1:
-        return tried[at]
+        return _fit_shapes(band, radius, BLURS[at], tried[at].shift, weight, noise, 4 if fine else 2, fine)
     low, middle, high = (tried[k].cost for k in (at - 1, at, at + 1))
     between = 0.5 * (low - high) / max(low - 2.0 * middle + high, 1e-30)
-    return _fit_shapes(band, radius, BLURS[at] * 1.2**between, tried[at].shift, weight, noise, 2)
+    return _fit_shapes(band, radius, BLURS[at] * 1.2**between, tried[at].shift, weight, noise, 4 if fine else 2, fine)
 
 
 def _misfit(band: Band, radius: float, shapes: Shapes) -> F64:
-    s, _ = _shape(band.d - shapes.shift[band.sector], shapes.blur, radius)
+    s, _ = _shape(band.d - shapes.shift[band.sector], band.along, shapes.blur, radius)
     return band.value - shapes.part[band.sector, 0] - (shapes.part[band.sector, 1:].T * s).sum(axis=0)
 
 
 def limb_points(
-    values: F32, noise: float, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, most: int
+    values: F32, noise: float, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, most: int, fine: bool = False
 ) -> Limb | None:
     """Points of the limb near an ellipse.
 
@@ -211,23 +225,26 @@ def limb_points(
         azimuths: (n,) mask of the azimuths that are lit limb, over the full turn.
         depths: (n,) how far in the profile is that of a limb [px].
         most: at most this many points on the full turn.
+        fine: with the tails of the blur and the change along each sector; slower, and it bends to what is no limb.
 
     Returns:
         The points, or None if no pixels are left.
     """
     around = 2.0 * math.pi * e.radius
-    sectors = int(np.clip(around / 30.0, 8, 24))
+    sectors = int(np.clip(around / 14.0, 12, 24)) if fine else int(np.clip(around / 30.0, 8, 24))
     cells = sectors * max(1, int(min(around, most) / sectors))
     band = band_of(values, e, azimuths, depths, cells, sectors)
     if len(band.d) < 100:
         return None
     stride = max(1, len(band.d) // SHAPE_PIXELS)
-    some = band._replace(d=band.d[::stride], value=band.value[::stride], sector=band.sector[::stride])
-    shapes = _best_shapes(some, e.radius, noise, np.ones(len(some.d)))
+    some = band._replace(
+        d=band.d[::stride], value=band.value[::stride], sector=band.sector[::stride], along=band.along[::stride]
+    )
+    shapes = _best_shapes(some, e.radius, noise, np.ones(len(some.d)), fine)
     # Stars, cosmic rays and hot pixels do not fit the profile of the rest: leave them out, and look again
     few = _weights(_misfit(some, e.radius, shapes), some, shapes, noise)
     if few.min() == 0.0:
-        shapes = _fit_shapes(some, e.radius, shapes.blur, shapes.shift, few, noise, 2)
+        shapes = _fit_shapes(some, e.radius, shapes.blur, shapes.shift, few, noise, 2, fine)
     weight = _weights(_misfit(band, e.radius, shapes), band, shapes, noise)
     exact = math.sqrt(1.0 / stride)  # the shapes' own errors are those of the part of the pixels
     return _cells(band, e, shapes._replace(alone=shapes.alone * exact), weight)
@@ -245,7 +262,7 @@ def _cells(band: Band, e: Ellipse, shapes: Shapes, weight: F64) -> Limb:
     a = np.zeros((n, 3, 3))
     gain, sky = np.ones(n), shapes.part[owner, 0]
     for _ in range(3):
-        s, ds = _shape(band.d - shift[band.cell], shapes.blur, e.radius)
+        s, ds = _shape(band.d - shift[band.cell], band.along, shapes.blur, e.radius)
         form, slant = (
             (shapes.part[band.sector, 1:].T * s).sum(axis=0),
             -(shapes.part[band.sector, 1:].T * ds).sum(axis=0),
@@ -261,7 +278,7 @@ def _cells(band: Band, e: Ellipse, shapes: Shapes, weight: F64) -> Limb:
         sky, gain = sky + step[:, 0], np.clip(gain + step[:, 1], 0.1, 4.0)
         shift = shift + np.clip(step[:, 2], -0.7, 0.7)
     sigma = shapes.noise[owner] * np.sqrt(np.maximum(np.linalg.inv(a)[:, 2, 2], 0.0))
-    s, _ = _shape(np.array([-1.5, 1.5]), shapes.blur, e.radius)
+    s, _ = _shape(np.array([-1.5, 1.5]), np.zeros(2), shapes.blur, e.radius)
     step = gain * (shapes.part[owner, 1:] @ (s[:, 0] - s[:, 1]))
     theta = azimuths(n) + math.pi / n
     reach, nx, ny = e.at(theta)

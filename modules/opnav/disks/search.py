@@ -32,6 +32,11 @@ MIN_KEPT = 0.65
 MIN_POINTS = 12
 NEAR_PX = 1.5
 """If the outline moves by more than this, the points are measured once more from there."""
+FINE_RADIUS, FINE_DEPTH = 40.0, 6.0
+"""The full model of the profile is for disks above this radius, with so much light behind the limb [px]."""
+SECTOR_PX = 0.008
+"""Standard deviation that the model of the profile adds to what the points of a sector share [px]; it
+grows where less than 7 px of light lie behind the limb."""
 SCATTER_PX = 0.3
 SCATTER = 0.004
 MAX_SCATTER_PX = 0.7
@@ -182,8 +187,25 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
         return "a radius outside of the limits"
     if wrong := surroundings(search.smooth, e, search.black, light, arc):
         return wrong
-    limb = limb._replace(sigma=np.hypot(limb.sigma * fitted.scale, limb.common[limb.sector]))
+    lit_px = float(np.median(_usable(search.smooth, e, seen, light)[1]))
+    if e.radius > FINE_RADIUS and lit_px > FINE_DEPTH and (again := _finest(search, e, seen, light)) is not None:
+        limb, fitted = again[0]._replace(blur=limb.blur), again[1]
+        e, rms = fitted.ellipse, float(np.sqrt(np.mean(fitted.ellipse.distance(limb.x, limb.y)[0] ** 2)))
+    # What the points of a sector share must not average out in a fit that takes them as independent
+    model = np.hypot(limb.common, SECTOR_PX * (7.0 / lit_px) ** 2)
+    shared = np.sqrt(np.bincount(limb.sector)[limb.sector]) * model[limb.sector]
+    limb = limb._replace(sigma=np.hypot(limb.sigma * fitted.scale, shared))
     return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, proposal.votes)
+
+
+def _finest(search: Search, e: Ellipse, seen: Rays, light: Light) -> tuple[Limb, Outline] | None:
+    """Points by the full model of the profile, which is too pliant to tell what is a limb; None if they are worse."""
+    azimuths, depths = _usable(search.smooth, e, seen, light)
+    limb = limb_points(search.values, search.noise, e, azimuths, depths, search.options.max_points, fine=True)
+    fitted = None if limb is None or len(limb.x) < MIN_POINTS else outline(e, limb)
+    if limb is None or fitted is None or fitted.keep.mean() < MIN_KEPT:
+        return None
+    return limb.pick(fitted.keep), fitted
 
 
 def _usable(smooth: F32, e: Ellipse, seen: Rays, light: Light) -> tuple[NDArray[np.bool_], F64]:
