@@ -39,7 +39,8 @@ def shifted(at: Any, values: Any, line: Any) -> float:
     def misfit(shift: float) -> float:
         return float(np.sum((values - np.interp(at - shift, np.arange(len(line)), line)) ** 2))
 
-    return float(minimize_scalar(misfit, bounds=(-1.0, 1.0), method="bounded", options={"xatol": 1e-4}).x)
+    found: Any = minimize_scalar(misfit, bounds=(-1.0, 1.0), method="bounded", options={"xatol": 1e-4})
+    return float(found.x)
 
 
 def coast_points(green: Any) -> list[tuple[int, int]]:
@@ -112,7 +113,7 @@ def test_edges_of_a_global_map_meet(tmp_path: Path, crs: str, height: float) -> 
     ("driver", "options"),
     [("COG", {"compress": "deflate"}), ("JP2OpenJPEG", {"quality": "100", "reversible": "yes"})],
 )
-def test_file_formats(tmp_path: Path, driver: str, options: dict[str, str]) -> None:
+def test_file_formats(tmp_path: Path, driver: str, options: dict[str, Any]) -> None:
     """A cloud-optimised GeoTIFF, and a JPEG 2000 without loss, give the picture of the plain GeoTIFF."""
     assert "jp2" in raster_driver_extensions()
     image = cv2.GaussianBlur(np.random.default_rng(6).integers(0, 255, (600, 700, 3)).astype(np.uint8), (0, 0), 2.0)
