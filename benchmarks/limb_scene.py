@@ -253,12 +253,8 @@ class Chain:
             limb.out_limb.connect(horizon.in_limb)
             self.finder, self.converter = limb, horizon
         else:
-            # a finder that sees a part of the limb fits that part
-            lit_half = scene.case.phase_deg > 0.0
-            circle, line = (
-                CircleFinder("finder"),
-                PixelLineConverter("converter", PixelLineConverter.Params(lit_half=lit_half)),
-            )
+            # CircleFinder gives centre and mean radius of the whole limb, so `lit_half` stays off
+            circle, line = CircleFinder("finder"), PixelLineConverter("converter")
             circle.out_circles.connect(line.in_circles)
             self.finder, self.converter = circle, line
         owner, self.sources = Module("sources"), dict[str, list[OutPort[Any]]]()

@@ -124,7 +124,7 @@ def build(seed: int = 1, picture_ns: int = minutes(10), distortion: F64 | None =
     pole_N = mars_attitude(start)[2]
     limb_finder, horizon = LimbFinder("limb_finder"), HorizonNav("horizon", HorizonNav.Params(pole_N=pole_N))
     circle_finder = CircleFinder("circle_finder")
-    converter = PixelLineConverter("converter", PixelLineConverter.Params(pole_N=pole_N, lit_half=True))
+    converter = PixelLineConverter("converter", PixelLineConverter.Params(pole_N=pole_N))
     orbit.out_state.connect(camera.in_state)
     orbit.out_state.connect(attitude.in_state)
     sun.out_ephemeris.connect(camera.in_sun)
