@@ -41,7 +41,7 @@ SCATTER_PX = 0.3
 SCATTER = 0.004
 MAX_SCATTER_PX = 0.7
 """Points may scatter by this and this share of the radius (relief), or by 2.5 times what noise does, up to this."""
-MAX_SIGMA = 0.07
+MAX_SIGMA = 0.045
 """Largest standard deviation of a radius, to the radius: where a line would do as well, there is no disk."""
 WHOLE_ARC = math.radians(75.0)
 """Least limb of a disk that the frame does not cut off."""
