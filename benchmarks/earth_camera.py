@@ -78,6 +78,11 @@ class Case:
         return 1e3 * wall
 
 
+def verdict(ms: float, bar_ms: float) -> str:
+    """A word for a time beside its bar."""
+    return "met" if ms <= bar_ms else "missed"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print; returns 1 if a bar is missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.earth_camera", description=__doc__)
@@ -96,9 +101,12 @@ def main(arguments: list[str] | None = None) -> int:
         }
         for way, title in ((False, "every ray"), (True, "interpolated")):
             got = figure(samples[f"{name} {way}"])
-            bar = f"bar {BARS_MS[way]:g} ms, {'met' if got.least <= BARS_MS[way] else 'missed'}" if k < JUDGED else ""
-            missed |= "missed" in bar
             used = min(cases[name, way].processor_ms)
+            bar = ""
+            if k < JUDGED:
+                wall, half = (verdict(ms, BARS_MS[way]) for ms in (got.least, 0.5 * used))
+                missed |= wall == "missed"
+                bar = f"bar {BARS_MS[way]:g} ms: {wall}; by half the processor time: {half}"
             sys.stdout.write(f"{name:48s} {title:14s} {got.least:7.1f} / {got.median:7.1f}  {used:7.1f}  {bar}\n")
         away = 255.0 * np.abs(pictures[True] - pictures[False])
         worst = f"mean {away.mean():.3f}, 99.9 % {np.percentile(away, 99.9):.2f}, greatest {away.max():.1f}"
