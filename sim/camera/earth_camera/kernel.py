@@ -100,7 +100,7 @@ def hit(u: float, v: float, axes: tuple[float, ...], outside: float) -> V3:
     wx, wy, wz = xx * u + yx * v + zx, xy * u + yy * v + zy, xz * u + yz * v + zz
     ww, ow = wx * wx + wy * wy + wz * wz, ox * wx + oy * wy + oz * wz
     room = ow * ow - ww * outside
-    room = room if ow < 0.0 else -1.0
+    room = room if (ow < 0.0) & (room >= 0.0) else math.nan
     t = outside / (math.sqrt(room) - ow)
     return ox + t * wx, oy + t * wy, oz + t * wz
 
