@@ -166,5 +166,6 @@ def test_false_matches_cloud_and_empty_sky() -> None:
 def test_parameters_are_checked() -> None:
     with pytest.raises(ValueError, match=r"lens: expected the lens vector of a camera; make it with of_camera"):
         LandmarkOracle.Params(lens=np.zeros(11))
+    wrong: dict[str, Any] = {**of_camera(camera()), "dcm_CB": np.ones((3, 3))}
     with pytest.raises(ValueError, match="dcm_CB"):
-        LandmarkOracle.Params(**(of_camera(camera()) | {"dcm_CB": np.ones((3, 3))}))
+        LandmarkOracle.Params(**wrong)
