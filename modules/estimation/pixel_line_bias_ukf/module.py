@@ -122,9 +122,7 @@ class PixelLineBiasUkf(KernelModule):
         ]
         alpha: Annotated[float, "-", "spread of the sigma points", Bound(gt=0, le=1)] = 1.0
         beta: Annotated[float, "-", "2 for a normal distribution", Bound(ge=0)] = 2.0
-        kappa: Annotated[float, "-", "second spread; the points lie alpha sqrt(9 + kappa) sigma out", Bound(gt=-9)] = (
-            0.0
-        )
+        kappa: Annotated[float, "-", "second spread; points lie alpha sqrt(9 + kappa) sigma out", Bound(gt=-9)] = 0.0
         noise_scale: Annotated[float, "-", "factor of the standard deviation of circles", Bound(gt=0)] = 1.0
         sigma_att: Annotated[float, "rad", "attitude error about each axis, added to the circle's", Bound(ge=0)] = 0.0
         gate: Annotated[float, "-", "largest normalised innovation squared; 0: none", Bound(ge=0)] = 21.1

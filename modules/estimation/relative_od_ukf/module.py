@@ -144,9 +144,7 @@ class RelativeOdUkf(KernelModule):
         process_noise: Annotated[Mat6, "m^2/s, m^2/s^2, m^2/s^3", "density of white process noise, for each second"]
         alpha: Annotated[float, "-", "spread of the sigma points", Bound(gt=0, le=1)] = 1.0
         beta: Annotated[float, "-", "2 for a normal distribution", Bound(ge=0)] = 2.0
-        kappa: Annotated[float, "-", "second spread; the points lie alpha sqrt(6 + kappa) sigma out", Bound(gt=-6)] = (
-            0.0
-        )
+        kappa: Annotated[float, "-", "second spread; points lie alpha sqrt(6 + kappa) sigma out", Bound(gt=-6)] = 0.0
         noise_scale: Annotated[float, "-", "factor of the standard deviation of measurements", Bound(gt=0)] = 1.0
         gate: Annotated[float, "-", "largest normalised innovation squared; 0: none", Bound(ge=0)] = 21.1
         max_step: Annotated[float, "s", "longest step of the prediction", Bound(gt=0)] = 60.0

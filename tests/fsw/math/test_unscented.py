@@ -103,11 +103,11 @@ def kalman(x: F64, P: F64, observed: F64, matrix: F64 = H, noise: F64 = R) -> tu
 
 
 def lower(matrix: F64) -> F64:
-    return np.linalg.cholesky(matrix)
+    return np.asarray(np.linalg.cholesky(matrix), np.float64)
 
 
 def upper(matrix: F64) -> F64:
-    return np.ascontiguousarray(np.linalg.cholesky(matrix).T)
+    return np.ascontiguousarray(lower(matrix).T)
 
 
 def unscented(

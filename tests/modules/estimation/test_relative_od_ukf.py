@@ -113,7 +113,7 @@ def test_basilisk_updates(criterion: Criterion, number: int) -> None:
             criterion("ODUKF-3", relative_error(message.P.ravel(), out["msg_covar"]))
             assert ukf.state.time == out["timeTag"]
             np.testing.assert_allclose(message.x, out["msg_state"], rtol=1e-8, atol=0)
-            np.testing.assert_allclose(message.residual, out["postFitRes"], rtol=0, atol=1e-6 * np.linalg.norm(R0))
+            np.testing.assert_allclose(message.residual, out["postFitRes"], rtol=0, atol=1e-3)
 
 
 def energy(x: F64) -> float:
@@ -125,8 +125,9 @@ def test_pure_propagation(criterion: Criterion, basilisk: bool) -> None:
     """An hour of the filter's own state against Kepler's equation; the spread is small, so the mean is an orbit."""
     mu = 42828.314e9 if basilisk else MU
     ukf, _ = wired(basilisk=basilisk, P=1e-6 * np.eye(6), process_noise=1e-30 * np.eye(6))
-    for k in range(361):
-        message = step(ukf, s(10 * k))
+    for k in range(360):
+        step(ukf, s(10 * k))
+    message = step(ukf, s(3600))
     elements = plain(rv_to_elements)(tuple(R0), tuple(V0), mu)
     a, e, f = elements[0], elements[1], elements[5]
     later = plain(mean_to_true)(plain(true_to_mean)(f, e) + np.sqrt(mu / a**3) * 3600.0, e)
@@ -184,7 +185,9 @@ def run(far: float, direction: F64, runs: int, seed: int, basilisk: bool = False
             u = r / np.linalg.norm(r)
             P = far**2 * (2.5e-7 * np.eye(3) + 2.5e-3 * (3.4e6 / far) ** -2 * 1e-2 * np.outer(u, u))
             port.write(position(r + np.linalg.cholesky(P) @ rng.normal(size=3), P, t), t)
-            message = step(ukf, t)
+            step(ukf, t)
+        message = ukf.out_filter.latest()
+        assert message is not None
         error = message.x - truth[-1, i, :6]
         nees.append(normalised(error, message.P))
         squares.append(float(error[:3] @ error[:3]))
