@@ -62,18 +62,19 @@ def exponential_density(height: float, base: F64, density: F64, scale_height: F6
 
 
 @compiled
-def height_above_spheroid(r: float, z: float, radius: float, flattening: float) -> float:
+def height_above_spheroid(square: float, z: float, radius: float, flattening: float) -> float:
     """Height along the radius above a flattened planet, m.
 
     It exceeds the geodetic height by h (f sin 2 lat)^2 / 2 at most: 3 m at 500 km above the Earth. NaN at the centre.
 
     Args:
-        r: distance from the centre, m.
+        square: of the distance from the centre, m^2.
         z: distance from the equator's plane, m.
         radius: of the equator, m.
         flattening: of the spheroid.
     """
-    if not r > 0.0:
+    if not square > 0.0:
         return math.nan
     polar = 1.0 - flattening
-    return r * (1.0 - radius * polar / math.sqrt(polar * polar * (r * r - z * z) + z * z))
+    ratio = square / (polar * polar * (square - z * z) + z * z)  # so that both roots can be taken at once
+    return math.sqrt(square) - radius * polar * math.sqrt(ratio)

@@ -11,7 +11,7 @@ import numpy as np
 from fsw import F64, Bound, In, KernelModule, Out, Record, Row, Shape, publish, zeros
 from fsw.math.atmosphere import EARTH_BANDS, band_of, exponential_density, height_above_spheroid
 from fsw.math.geodesy import A, F
-from fsw.math.vectors import cross, dot, norm, store3, vec3
+from fsw.math.vectors import cross, dot, store3, vec3
 from messages.environment import AtmosphereMsg, PlanetOrientationMsg
 from messages.states import SCStatesMsg
 
@@ -63,7 +63,7 @@ class Atmosphere(KernelModule):
             return
         r_BN_N = vec3(in_state.r_BN_N)
         z = dot(vec3(in_orientation.dcm_EN[2]), r_BN_N)
-        height = height_above_spheroid(norm(r_BN_N), z, params.radius, params.flattening)
+        height = height_above_spheroid(dot(r_BN_N, r_BN_N), z, params.radius, params.flattening)
         band = band_of(height, params.base_height, params.bands, state.band)
         air = exponential_density(height, params.base_height, params.density, params.scale_height, band)
         wind = cross(vec3(in_orientation.omega_EN_N), r_BN_N)
