@@ -29,15 +29,15 @@ class Compiled(Generic[P, R]):
         functools.update_wrapper(self, function)
         self.py_func = function
 
-    def _jit(self) -> Any:
+    def _jit(self, **more: Any) -> Any:
         import numba
 
-        return cast(Any, numba).njit(self.py_func, **OPTIONS)
+        return cast(Any, numba).njit(self.py_func, **OPTIONS, **more)
 
     @functools.cached_property
     def _dispatcher(self) -> Any:
-        """For compiled callers, which may then be optimised together with it."""
-        return self._jit()
+        """For compiled callers, which may then be optimised together with it; Python could not call it."""
+        return self._jit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
     @functools.cached_property
     def _entry(self) -> Any:
