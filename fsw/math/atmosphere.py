@@ -43,22 +43,22 @@ def band_of(height: float, base: F64, count: int, guess: int) -> int:
 
 
 @compiled
-def exponential_density(height: float, base: F64, density: F64, scale_height: F64, band: int) -> float:
+def exponential_density(height: float, base: F64, density: F64, band: int, steepness: float) -> float:
     """Density in a band: rho_i exp(-(h - h_i) / H_i).
 
     Args:
         height: m; below the first band its base density is returned.
         base: (n,) heights at which bands begin, m.
         density: (n,) densities there, kg/m^3.
-        scale_height: (n,) m.
         band: number of the band, of `band_of`.
+        steepness: 1 / H_i of that band, 1/m.
 
     Returns:
         kg/m^3; NaN if the height is NaN.
     """
     if band == 0 and height < base[0]:
         return density[0]
-    return density[band] * math.exp((base[band] - height) / scale_height[band])
+    return density[band] * math.exp((base[band] - height) * steepness)
 
 
 @compiled

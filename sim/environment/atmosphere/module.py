@@ -50,7 +50,8 @@ class Atmosphere(KernelModule):
     class State(Record):
         """Where the last search for the band ended."""
 
-        band: Annotated[int, "-", "band of the last height"] = 0
+        band: Annotated[int, "-", "band of the last height; -1 before the first"] = -1
+        steepness: Annotated[float, "1/m", "one over the scale height of that band"] = 0.0
 
     in_state = In(SCStatesMsg)
     in_orientation = In(PlanetOrientationMsg)
@@ -65,11 +66,12 @@ class Atmosphere(KernelModule):
         z = dot(vec3(in_orientation.dcm_EN[2]), r_BN_N)
         height = height_above_spheroid(dot(r_BN_N, r_BN_N), z, params.radius, params.flattening)
         band = band_of(height, params.base_height, params.bands, state.band)
-        air = exponential_density(height, params.base_height, params.density, params.scale_height, band)
+        if band != state.band:
+            state.band, state.steepness = band, 1.0 / params.scale_height[band]
+        air = exponential_density(height, params.base_height, params.density, band, state.steepness)
         wind = cross(vec3(in_orientation.omega_EN_N), r_BN_N)
         if not math.isfinite(air + wind[0] + wind[1] + wind[2]):
             raise ValueError("in_state.r_BN_N, in_orientation: expected finite numbers and a position that is not 0")
-        state.band = band
         out_atmosphere.density = air
         store3(out_atmosphere.v_AN_N, wind)
         publish(out_atmosphere, t_ns)
