@@ -252,7 +252,7 @@ def limb_points(
 
 def _weights(misfit: F64, band: Band, shapes: Shapes, noise: float) -> F64:
     rough = max(1.4826 * float(np.median(np.abs(misfit))), noise)
-    return (np.abs(misfit) < CLIP * rough + 0.3 * np.abs(shapes.part[band.sector, 1])) * 1.0
+    return (np.abs(misfit) < CLIP * rough + 0.3 * np.abs(shapes.part[band.sector, 1])).astype(np.float64)
 
 
 def _cells(band: Band, e: Ellipse, shapes: Shapes, weight: F64) -> Limb:

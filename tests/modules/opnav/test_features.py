@@ -1,6 +1,7 @@
 """The detectors against what their papers promise: places, sizes, what turning, scaling and light leave unchanged."""
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,10 @@ from modules.opnav.features.surf import OCTAVES, surf
 from modules.opnav.features.surf_kernel import box, haar, hessian
 
 RNG = np.random.default_rng(3)
+
+
+def integral(image: np.ndarray) -> Any:
+    return cv2.integral(image, sdepth=cv2.CV_64F)
 
 
 def ground(size: int = 400) -> np.ndarray:
@@ -31,7 +36,7 @@ def blob(x: float, y: float, sigma: float, size: int = 96) -> np.ndarray:
 
 def test_box_and_haar_are_sums_of_pixels() -> None:
     image = RNG.integers(0, 256, (40, 50)).astype(np.uint8)
-    total = cv2.integral(image, sdepth=cv2.CV_64F)
+    total = integral(image)
     assert box(total, 3, 5, 7, 11) == image[3:10, 5:16].sum()
     assert box(total, -4, 45, 10, 20) == image[:6, 45:].sum()  # cut at the edge
     dx, dy = haar(total, 20, 22, 4)
@@ -54,7 +59,7 @@ def test_hessian_by_boxes_is_the_filter_of_the_paper(side: int) -> None:
     responses = [cv2.filter2D(image / 255.0, -1, mask) / side**2 for mask in (xx, xx.T, xy)]
     expected = responses[0] * responses[1] - (0.9 * responses[2]) ** 2
     out = np.zeros(image.shape, np.float32)
-    hessian(cv2.integral(image, sdepth=cv2.CV_64F), side, 1, 0, len(image), out)
+    hessian(integral(image), side, 1, 0, len(image), out)
     inside = slice(half, -half)
     np.testing.assert_allclose(out[inside, inside], expected[inside, inside], rtol=1e-5, atol=1e-9)
     assert out[0].max() == 0.0
@@ -70,7 +75,8 @@ def best_side(sigma: float) -> float:
         lobe = side / 3.0
         return -(sigma**2) * part(2.0 * lobe - 1.0) * (3.0 * part(lobe) - part(side)) / side**2
 
-    return minimize_scalar(answer, bounds=(sigma, 20.0 * sigma), method="bounded").x
+    found: Any = minimize_scalar(answer, bounds=(sigma, 20.0 * sigma), method="bounded")
+    return found.x
 
 
 @pytest.mark.parametrize("sigma", [2.5, 4.0, 7.0, 11.0])
