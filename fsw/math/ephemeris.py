@@ -16,12 +16,11 @@ import numpy as np
 from fsw.math.bodies import Body, body
 from fsw.math.compiled import compiled
 from fsw.math.epoch import DAY, J2000_JD, julian_dates
+from fsw.math.forces import ASTRONOMICAL_UNIT
 from fsw.math.vectors import V3
 from messages.base import F64
 
 ERFA: Any = erfa
-AU = 149597870700.0
-"""Astronomical unit, m (IAU 2012)."""
 ORDER = 14
 """Coefficients of a Chebyshev polynomial."""
 SEGMENT_NS = 4 * DAY
@@ -71,13 +70,13 @@ def heliocentric(body_id: int, whole: F64, rest: F64) -> tuple[F64, F64]:
         if body_id == 301:
             moon = ERFA.moon98(whole, rest)
             pv += np.stack([moon["p"], moon["v"]], axis=-2)
-    return pv[:, 0] * AU, pv[:, 1] * (AU / 86400.0)
+    return pv[:, 0] * ASTRONOMICAL_UNIT, pv[:, 1] * (ASTRONOMICAL_UNIT / 86400.0)
 
 
 def relative_position(body_id: int, center_id: int, whole: F64, rest: F64) -> F64:
     """Position (n, 3) of a body relative to another, m, GCRF axes; arguments as for `heliocentric`."""
     if {body_id, center_id} == {301, 399}:  # not by a difference of distances to the Sun
-        moon = ERFA.moon98(whole, rest)["p"] * AU
+        moon = ERFA.moon98(whole, rest)["p"] * ASTRONOMICAL_UNIT
         return moon if body_id == 301 else -moon
     return heliocentric(body_id, whole, rest)[0] - heliocentric(center_id, whole, rest)[0]
 

@@ -114,6 +114,12 @@ def unit(a: V3) -> V3:
 
 
 @compiled
+def angle_between(a: V3, b: V3) -> float:
+    """Angle of two directions of any length [rad]; exact also where it is small or near pi."""
+    return math.atan2(norm(cross(a, b)), dot(a, b))
+
+
+@compiled
 def matvec(m: M3, a: V3) -> V3:
     """m a."""
     return (dot(m[0], a), dot(m[1], a), dot(m[2], a))

@@ -9,7 +9,7 @@ from fsw import Bound, Mat3, Row, Vec3, eye, zeros
 from fsw.math.attitude import dcm_to_ep, ep_compose, mrp_to_ep, rotvec_to_ep
 from fsw.math.checks import require_rotation
 from fsw.math.compiled import compiled
-from fsw.math.vectors import V3, V4, add, cross, dot, mat3, norm, scale, sub, vec3
+from fsw.math.vectors import V3, V4, add, angle_between, dot, mat3, norm, scale, sub, vec3
 from sim.sensors.faults import FaultParams
 
 C_LIGHT = 299792458.0
@@ -56,17 +56,13 @@ def usable(z_N: V3, params: Row, in_state: Row, in_sun: Row, in_moon: Row) -> bo
         r = norm(r_BN_N)
         if not r > params.radius:
             return False
-        if not _angle(z_N, scale(-1.0, r_BN_N)) - math.asin(params.radius / r) >= params.limb_exclusion:
+        if not angle_between(z_N, scale(-1.0, r_BN_N)) - math.asin(params.radius / r) >= params.limb_exclusion:
             return False
-    if params.sun_exclusion > 0.0 and not _angle(z_N, sub(vec3(in_sun.r_PN_N), r_BN_N)) >= params.sun_exclusion:
+    if params.sun_exclusion > 0.0 and not angle_between(z_N, sub(vec3(in_sun.r_PN_N), r_BN_N)) >= params.sun_exclusion:
         return False
-    return params.moon_exclusion == 0.0 or _angle(z_N, sub(vec3(in_moon.r_PN_N), r_BN_N)) >= params.moon_exclusion
-
-
-@compiled
-def _angle(a: V3, b: V3) -> float:
-    """Angle between two vectors [rad]."""
-    return math.atan2(norm(cross(a, b)), dot(a, b))
+    return (
+        params.moon_exclusion == 0.0 or angle_between(z_N, sub(vec3(in_moon.r_PN_N), r_BN_N)) >= params.moon_exclusion
+    )
 
 
 @compiled

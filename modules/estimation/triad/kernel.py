@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from fsw.math.compiled import compiled
 from fsw.math.vectors import M3, V3, cross, dot, norm, unit
 
@@ -40,9 +38,3 @@ def triad_covariance(anchor: V3, other: V3, sigma_anchor: float, sigma_other: fl
             va + along * a[2] * a[2] + 2.0 * mixed * a[2] * p[2],
         ),
     )
-
-
-@compiled
-def angle_between(a: V3, b: V3) -> float:
-    """Angle of two directions of any length [rad]."""
-    return math.atan2(norm(cross(a, b)), dot(a, b))

@@ -8,12 +8,12 @@ from typing import Annotated
 from fsw import Bound, In, KernelModule, Out, Record, Row, publish
 from fsw.math.attitude import dcm_to_ep
 from fsw.math.triad import triad
-from fsw.math.vectors import vec3
+from fsw.math.vectors import angle_between, vec3
 from messages.filters import AttitudeFixMsg, DirectionsMsg
 from modules.estimation.q_method import status
 from modules.estimation.q_method.kernel import checked
 from modules.estimation.q_method.module import write_fix
-from modules.estimation.triad.kernel import angle_between, triad_covariance
+from modules.estimation.triad.kernel import triad_covariance
 
 
 class Triad(KernelModule):

@@ -134,11 +134,6 @@ def band_of(values: F32, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, c
     return Band(d, values[row, column].astype(float), sector, along, cell, sectors, cells)
 
 
-def _normal(group: NDArray[np.int64], count: int, columns: list[F64], target: F64, weight: F64) -> tuple[F64, F64]:
-    """Normal equations (count, k, k) and (count, k) of each group."""
-    return normal(group, count, np.array(columns), target, weight)
-
-
 class Shapes(NamedTuple):
     """Profiles of the sectors: sky, step, arch, slope (m, 4), shift (m,) [px], blur, sum of squares, and noise (m,)."""
 
@@ -162,11 +157,11 @@ def _fit_shapes(
     ridge[:, range(PARTS), range(PARTS)] = (noise / height / (PRIOR if fine else COARSE_PRIOR)) ** 2
     for _ in range(rounds):
         s, ds = _shape(band.d - shift[band.sector], band.along, blur, radius)
-        a, b = _normal(band.sector, m, [ones, *s], band.value, weight)
+        a, b = normal(band.sector, m, np.array([ones, *s]), band.value, weight)
         part = np.linalg.solve(a + ridge, b[..., None])[..., 0]
         slant = -(part[band.sector, 1:].T * ds).sum(axis=0)
         residual = band.value - part[band.sector, 0] - (part[band.sector, 1:].T * s).sum(axis=0)
-        a, b = _normal(band.sector, m, [ones, *s, slant], residual, weight)
+        a, b = normal(band.sector, m, np.array([ones, *s, slant]), residual, weight)
         a[:, :PARTS, :PARTS] += ridge
         b[:, :PARTS] -= (ridge @ part[..., None])[..., 0]
         a[:, PARTS, PARTS] += noise**2  # a shift of a pixel is as unlikely as one sigma
@@ -268,7 +263,7 @@ def _cells(band: Band, e: Ellipse, shapes: Shapes, weight: F64) -> Limb:
             -(shapes.part[band.sector, 1:].T * ds).sum(axis=0),
         )
         residual = band.value - sky[band.cell] - gain[band.cell] * form
-        a, b = _normal(band.cell, n, [ones, form, gain[band.cell] * slant], residual, weight)
+        a, b = normal(band.cell, n, np.array([ones, form, gain[band.cell] * slant]), residual, weight)
         # Sky and height differ little from the sector's
         a[:, 0, 0] += 1e-9
         a[:, 1, 1] += (shapes.noise[owner] / 0.3) ** 2 + 1e-9

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from fsw import OutPort, Recording, minutes
+from fsw.math.forces import ASTRONOMICAL_UNIT
 from messages.base import F64
 from sim.environment.star_catalogue import bright_stars
 from sim.scenarios.leo_sensors.graph import ARM_B, DCM_SIDE, DCM_ZENITH, GYRO_BIAS, LeoSensors
-from sim.sensors.css_array.module import AU, NORMALS_B
+from sim.sensors.css_array.module import NORMALS_B
 from sim.sensors.starlight import C_LIGHT
 
 ARCSEC = np.pi / 180.0 / 3600.0
@@ -263,11 +264,11 @@ class Flight:
         to_sun = self.at("sun", "r_PN_N", t_ns) - self.at("state", "r_BN_N", t_ns)
         distance = np.linalg.norm(to_sun, axis=1)[:, None]
         cosine = self.body(t_ns).inv().apply(to_sun / distance) @ NORMALS_B.T
-        light = (AU / distance) ** 2 * self.at("light", "illumination", t_ns)[:, None]
+        light = (ASTRONOMICAL_UNIT / distance) ** 2 * self.at("light", "illumination", t_ns)[:, None]
         up = self.at("state", "r_BN_N", t_ns)
         r, sun = np.linalg.norm(up, axis=1)[:, None], self.at("sun", "r_PN_N", t_ns)
         noon = np.sum(up * sun, axis=1)[:, None] / r / np.linalg.norm(sun, axis=1)[:, None]
-        shine = params.albedo * (params.radius / r) ** 2 * np.maximum(noon, 0.0) * (AU / distance) ** 2
+        shine = params.albedo * (params.radius / r) ** 2 * np.maximum(noon, 0.0) * (ASTRONOMICAL_UNIT / distance) ** 2
         down = np.maximum(self.body(t_ns).inv().apply(-up / r) @ NORMALS_B.T, 0.0)
         true = np.where(cosine >= np.cos(params.fov), cosine, 0.0) * light + shine * down
         measured, level = record["signal"], true / params.sigma

@@ -9,6 +9,7 @@ import numpy as np
 
 from fsw import F64, Bound, In, KernelModule, Out, Row, Shape, publish, zeros
 from fsw.math.attitude import mrp_to_dcm
+from fsw.math.forces import ASTRONOMICAL_UNIT
 from fsw.math.random import normal
 from fsw.math.vectors import add, cross, dot, matvec, norm, scale, sub, unit, vec3
 from messages.environment import EclipseMsg, EphemerisMsg
@@ -21,8 +22,6 @@ from sim.sensors.readout import quantised
 NORMALS_B = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 """One cell on each face of a box."""
 NORMALS_B.setflags(write=False)
-AU = 149597870700.0
-"""Astronomical unit (m), IAU 2012 resolution B2."""
 
 
 class CssArray(KernelModule):
@@ -75,7 +74,7 @@ class CssArray(KernelModule):
         r_SB_N = sub(r_SN_N, r_BN_N)
         distance = norm(r_SB_N)
         sun_B, nadir_B = matvec(dcm_BN, unit(r_SB_N)), matvec(dcm_BN, scale(-1.0, unit(r_BN_N)))
-        light = (AU / distance) ** 2
+        light = (ASTRONOMICAL_UNIT / distance) ** 2
         shine = light * earthshine(r_BN_N, unit(r_SN_N), params.radius, params.albedo)
         if in_eclipse.seq > 0:
             light *= in_eclipse.illumination
