@@ -188,7 +188,7 @@ def test_attitude_sensors() -> None:
 
     def cell(pose: Pose) -> Out:
         out, H = np.empty(1), np.empty((1, 12))
-        cosine = sensors.sun_cell(pose, vec3(normal), vec3(known), 0.97, 0.97 * normal @ seen_B, out, H)
+        cosine = sensors.sun_cell(pose, vec3(normal), vec3(known), 0.97, 0.97 * float(normal @ seen_B), out, H)
         assert cosine > 0.5
         return out, H
 
