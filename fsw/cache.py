@@ -131,7 +131,8 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
     @functools.cached_property
     def key(self) -> str:
         """Digest of the source, every file and constant in reach, the row layouts, the versions and the processor."""
-        own = [str(Path(__file__).with_name(name)) for name in ("native.py", "intrinsics.py", "cache.py")]
+        parts = ("native.py", "intrinsics.py", "cache.py", "math/linking.py")
+        own = [str(Path(__file__).parent / name) for name in parts]
         key = source_digest(self.reach.values(), own)
         layouts = [str(d.descr) + str(d.itemsize) for d in self.dtypes]
         key.update(json.dumps([self.source, layouts]).encode())
@@ -163,11 +164,11 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
 
     def _compile(self) -> bytes:
         """A line of JSON (checksum, symbol, external symbols) and the object code."""
-        import llvmlite.binding as llvm
         from numba import from_dtype, int32, int64, njit
         from numba.core.errors import NumbaExperimentalFeatureWarning
 
         from fsw import intrinsics, native
+        from fsw.math.linking import Translator
 
         names: dict[str, Any] = {"__name__": f"fsw_entry_{self.key}", "peek": native.peek, "move": native.move}
         names["row_at"] = intrinsics.row_at
@@ -177,20 +178,18 @@ class Unit(msgspec.Struct, frozen=True, dict=True):
         with warnings.catch_warnings():
             # numba takes a row that begins like another one for a kind of it, which is right: the offsets are the same
             warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-            bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": Translator}
             made: Any = njit(int32(int64, int64), **bare, **OPTIONS)(names["entry"])
         (result,) = made.overloads.values()
         symbol = f"fsw_{self.key}"
         text = _C_WRAPPER.format(symbol=symbol, function=result.fndesc.llvm_func_name)
-        module: Any = llvm.parse_assembly(result.library.get_llvm_str() + text)
-        code: bytes = _machine().emit_object(module)
-        declared = [x.name for group in (module.functions, module.global_variables) for x in group if x.is_declaration]
-        externals = [name for name in declared if not name.startswith("llvm.")]
+        code, externals = result.library.machine_code(text, symbol, _machine())
         head = {"sha256": hashlib.sha256(code).hexdigest(), "symbol": symbol, "externals": externals}
         return json.dumps(head).encode() + b"\n" + code
 
 
 _C_WRAPPER = """
+declare i32 @"{function}"(ptr, ptr, i64, i64)
 define i32 @{symbol}(i64 %a, i64 %b) {{
   %result = alloca i32
   %exception = alloca ptr

@@ -37,7 +37,9 @@ class Compiled(Generic[P, R]):
     @functools.cached_property
     def _dispatcher(self) -> Any:
         """For compiled callers, which may then be optimised together with it; Python could not call it."""
-        return self._jit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+        from fsw.math.linking import Translator
+
+        return self._jit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=Translator)
 
     @functools.cached_property
     def _entry(self) -> Any:
