@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, Shape, Vec3, Vec4
+from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, Shape, Vec2, Vec3, Vec4
 
 
 class OpNavFilterMsg(Message):
@@ -80,3 +80,52 @@ class AttitudeFixMsg(Message):
     beta_BN: Annotated[Vec4, "-", "attitude of B relative to N, Euler parameters, scalar first, not negative", NanOk()]
     P_att: Annotated[Mat3, "rad^2", "covariance of the attitude error, B components", NanOk()]
     loss: Annotated[float, "-", "weighted squares that remain, by their degrees of freedom; about 1", NanOk()]
+
+
+POSE_STATES = 26
+"""Numbers of the error state of `PoseFilterMsg`."""
+
+
+class PoseFilterMsg(Message):
+    """State of a filter of position, velocity and attitude. Numbers of an image are NaN or 0 where there was none."""
+
+    estimate_ns: Annotated[int, "ns", "time of the estimate, simulation time"]
+    status: Annotated[int, "-", "what became of the newest image: 0 used; see the spec of the writer"]
+    status_fix: Annotated[int, "-", "what became of the newest pose"]
+    status_gps: Annotated[int, "-", "what became of the newest position and velocity of the receiver"]
+    status_star: Annotated[int, "-", "what became of the newest attitude of the star tracker"]
+    status_vectors: Annotated[int, "-", "what became of the newest directions to stars"]
+    lost: Annotated[bool, "-", "the estimate is not trusted, and a pose is looked for"]
+    rate_held: Annotated[bool, "-", "the gyro is silent; the angular rate is held, and bias is relative to it"]
+    r_BN_N: Annotated[Vec3, "m", "position of B relative to the centre of the planet, N components"]
+    v_BN_N: Annotated[Vec3, "m/s", "inertial velocity of B, N components"]
+    beta_BN: Annotated[Vec4, "-", "attitude, Euler parameters, scalar first"]
+    bias_B: Annotated[Vec3, "rad/s", "bias of the gyro, B components"]
+    P: Annotated[F64, Shape(POSE_STATES, POSE_STATES), "products of units", "covariance of the error state"]
+    nis: Annotated[float, "-", "normalised innovation squared of the image's landmarks", NanOk()]
+    freedom: Annotated[int, "-", "its degrees of freedom", Bound(ge=0)]
+    landmarks: Annotated[int, "-", "landmarks of the image that could be used", Bound(ge=0)]
+    accepted: Annotated[int, "-", "landmarks that agreed", Bound(ge=0)]
+    contradicting: Annotated[int, "-", "images in a row that contradicted the estimate", Bound(ge=0)]
+    images: Annotated[int, "-", "images used since the start", Bound(ge=0)]
+    used: Annotated[int, "-", "other measurements used since the start", Bound(ge=0)]
+    refused: Annotated[int, "-", "other measurements refused by their gate since the start", Bound(ge=0)]
+
+
+class PoseNuisanceMsg(Message):
+    """What a filter of the pose thinks of its sensors, with standard deviations; zero for what is taken as exact."""
+
+    mount_C: Annotated[Vec3, "rad", "turn of the camera from its mounting, C components"]
+    focal: Annotated[float, "-", "relative change of the focal length"]
+    center_px: Annotated[Vec2, "px", "shift of the principal point"]
+    k1: Annotated[float, "-", "change of the distortion k1"]
+    gps_E: Annotated[Vec3, "m", "bias of the receiver, E components"]
+    map_E: Annotated[Vec3, "m", "error that all places of the map share, E components"]
+    time_s: Annotated[float, "s", "exposure after its stamp"]
+    sigma_mount: Annotated[Vec3, "rad", "standard deviation of mount_C", Bound(ge=0)]
+    sigma_focal: Annotated[float, "-", "standard deviation of focal", Bound(ge=0)]
+    sigma_center_px: Annotated[Vec2, "px", "standard deviation of center_px", Bound(ge=0)]
+    sigma_k1: Annotated[float, "-", "standard deviation of k1", Bound(ge=0)]
+    sigma_gps: Annotated[Vec3, "m", "standard deviation of gps_E", Bound(ge=0)]
+    sigma_map: Annotated[Vec3, "m", "standard deviation of map_E", Bound(ge=0)]
+    sigma_time: Annotated[float, "s", "standard deviation of time_s", Bound(ge=0)]
