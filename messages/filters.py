@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from messages.base import F64, Bound, Mat3, Mat6, Message, NanOk, Shape, Vec2, Vec3, Vec4
+from messages.base import F64, I64, Bound, Mat3, Mat6, Message, NanOk, Shape, Vec2, Vec3, Vec4
 
 
 class OpNavFilterMsg(Message):
@@ -54,6 +54,25 @@ class HeadingFilterMsg(Message):
     residual: Annotated[Vec3, "-", "measured minus estimated direction after the update, B components", NanOk()]
     used: Annotated[int, "-", "measurements used since the start", Bound(ge=0)]
     refused: Annotated[int, "-", "measurements refused since the start", Bound(ge=0)]
+
+
+class EarthTrackerFilterMsg(Message):
+    """State of the Earth tracker's filter. Sensors: landmarks, GPS, gyro, Sun sensors, magnetometer, tracker, stars."""
+
+    estimate_ns: Annotated[int, "ns", "time of the estimate, simulation time"]
+    status: Annotated[int, "-", "0 the estimate is for now, 9 there is no prediction to now"]
+    x: Annotated[
+        F64, Shape(13), "m, m/s, -, rad/s", "r_BN_N, v_BN_N, beta_BO (scalar first), omega_BO_B; O is the orbit frame"
+    ]
+    P: Annotated[
+        F64, Shape(12, 12), "products of m, m/s, rad, rad/s", "covariance of dr, dv (N), theta_BO, domega_BO (B)"
+    ]
+    sensor_status: Annotated[I64, Shape(7), "-", "of each sensor: 0 used, 1 none new, else why not; see the spec"]
+    nis: Annotated[F64, Shape(7), "-", "normalised innovation squared of each sensor, NaN if there is none", NanOk()]
+    rows: Annotated[I64, Shape(7), "-", "degrees of freedom of nis"]
+    landmarks: Annotated[int, "-", "landmarks used in this step", Bound(ge=0)]
+    used: Annotated[I64, Shape(7), "-", "measurements of each sensor used since the start", Bound(ge=0)]
+    refused: Annotated[I64, Shape(7), "-", "measurements of each sensor refused since the start", Bound(ge=0)]
 
 
 MAX_DIRECTIONS = 16
