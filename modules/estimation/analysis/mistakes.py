@@ -63,6 +63,7 @@ class Finding:
         where = f"{self.stage}, problem '{self.problem}'"
         if not self.mistake:
             return f"  well     {where}: {self.figure}"
-        return f"  MISTAKE  {self.mistake}\n           where:  {where}\n           reason: {MISTAKES[self.mistake]}\n" + (
-            f"           figure: {self.figure}"
+        return (
+            f"  MISTAKE  {self.mistake}\n           where:  {where}\n           reason: {MISTAKES[self.mistake]}\n"
+            + (f"           figure: {self.figure}")
         )

@@ -13,7 +13,7 @@ from modules.estimation.analysis.consistency import band, definite_factors, nees
 from modules.estimation.analysis.filters import FilterFactory
 from modules.estimation.analysis.mistakes import Finding
 from modules.estimation.analysis.problems import Problem
-from modules.estimation.analysis.steps import shape_faults, snapshot
+from modules.estimation.analysis.steps import ProtocolError, shape_faults, snapshot
 from modules.estimation.analysis.whiteness import whiteness
 
 norm: Any = _norm
@@ -70,13 +70,15 @@ def many_runs(
         if not (np.all(np.isfinite(errors)) and np.all(np.isfinite(P))):
             lost = int(np.count_nonzero(~np.all(np.isfinite(errors), axis=(1, 2))))
             return [Finding("not finite", "runs", name, f"{lost} of {runs} runs end in NaN or infinity")]
-        definite_factors(P, "covariance after an update")
-    except ValueError as error:
-        if "check_up" in str(error):
-            raise
-        return [Finding("covariance not positive", "runs", name, str(error))]
+    except ProtocolError:
+        raise
     except Exception as error:
         return [Finding("raises", "runs", name, f"{type(error).__name__}: {error}")]
+    try:
+        definite_factors(P, "after updates")
+        definite_factors(S, "innovations")
+    except ValueError as error:
+        return [Finding("covariance not positive", "runs", name, str(error))]
     level = 1.0 - false_alarm / 5.0  # five tests
     out = list[Finding]()
     squares, half = nees(errors, P, level), epochs // 2
@@ -91,7 +93,9 @@ def many_runs(
     seen = nis(innovations, S, level)
     if not seen.consistent:
         word = "overconfident" if seen.total_mean > seen.degrees else "cautious"
-        text = f"NIS {seen.total_mean:.4g}, expected {seen.degrees} within {seen.total_low:.4g} to {seen.total_high:.4g}"
+        text = (
+            f"NIS {seen.total_mean:.4g}, expected {seen.degrees} within {seen.total_low:.4g} to {seen.total_high:.4g}"
+        )
         out.append(Finding(word, "runs", name, text))
     white = whiteness(innovations, S, LAGS, level)
     if not white.white:
@@ -134,8 +138,10 @@ def endurance(factory: FilterFactory, problem: Problem, steps: int, seed: int) -
                 exact.measure(H, problem.R)
                 if k < 5 or k == steps - 1:
                     P, wanted = snapshot(made, problem)[1], exact.covariance()
-                    off = max(off, float(np.max(np.abs(P - wanted) / np.sqrt(np.outer(np.diag(wanted), np.diag(wanted))))))
-    except ValueError:
+                    off = max(
+                        off, float(np.max(np.abs(P - wanted) / np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))))
+                    )
+    except ProtocolError:
         raise
     except Exception as error:
         return [Finding("raises", "endurance", name, f"{type(error).__name__}: {error}")]

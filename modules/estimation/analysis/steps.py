@@ -235,19 +235,24 @@ def starts(problem: Problem) -> Iterator[Answer]:
             yield Answer(tuple(m for m in (first, second) if m), mean, covariance)
 
 
-def distance(found: Estimate, answer: Answer, sigma: F64) -> float:
-    """Largest difference of estimate or covariance, in standard deviations of the right answer and their products."""
-    apart = np.max(np.abs(found[0] - answer.x) / sigma), np.max(np.abs(found[1] - answer.P) / np.outer(sigma, sigma))
-    return float(max(apart))
+def distances(found: Estimate, answer: Answer, sigma: F64) -> tuple[float, float]:
+    """Largest difference of estimates in standard deviations, and of covariances in products of these."""
+    P = np.abs(found[1] - answer.P) / np.outer(sigma, sigma)
+    return float(np.max(np.abs(found[0] - answer.x) / sigma)), float(np.max(P))
 
 
-def judge(found: Estimate, answers: Iterator[Answer], sizes: F64, tolerance: float, where: str) -> tuple[str, list[str]]:
+def judge(
+    found: Estimate, answers: Iterator[Answer], sizes: F64, tolerance: float, where: str
+) -> tuple[str, list[str]]:
     """Names of the mistakes whose answer is the filter's, and the figure behind it.
+
+    An answer that agrees in estimate and covariance comes first, then one that agrees in one of the two where the right
+    answer does not: a failed downdate spoils a covariance, but the estimate still tells the gain.
 
     Args:
         found: estimate and covariance after the step.
         answers: the right one first.
-        sizes: (n,) standard deviations before the step, below which no difference is measured.
+        sizes: (n,) standard deviations before the step, below a thousandth of which no difference is measured.
         tolerance: largest distance of equal answers.
         where: the stage, for the figure.
 
@@ -256,22 +261,21 @@ def judge(found: Estimate, answers: Iterator[Answer], sizes: F64, tolerance: flo
     """
     right = next(answers)
     sigma = np.sqrt(np.maximum(np.abs(np.diag(right.P)), 1e-6 * sizes**2))
-    off = distance(found, right, sigma)
-    if off <= tolerance:
-        return f"{where} agrees with the exact one to {off:.1e} sigma", []
-    least, best = np.inf, right
-    for answer in answers:
-        d = distance(found, answer, sigma)
-        # of equal answers, the one with fewer mistakes
-        if d < 0.5 * least or (d <= tolerance and len(answer.mistakes) < len(best.mistakes)):
-            least, best = d, answer
-    if least <= tolerance and best.mistakes:
-        names = " and ".join(best.mistakes)
-        return f"{where} is {off:.3g} sigma from the exact one, and equals that of {names} to {least:.1e}", list(
-            best.mistakes
-        )
-    near = f"; the nearest known mistake ({' and '.join(best.mistakes)}) is {least:.2g} away" if best.mistakes else ""
-    return f"{where} is {off:.3g} sigma from the exact one{near}", ["unexplained difference"]
+    off = distances(found, right, sigma)
+    if max(off) <= tolerance:
+        return f"{where} agrees with the exact one to {max(off):.1e} sigma", []
+    known = [(answer, distances(found, answer, sigma)) for answer in answers if answer.mistakes]
+    known.sort(key=lambda k: len(k[0].mistakes))  # the fewest mistakes that explain it
+    text = f"{where} is {max(off):.3g} sigma from the exact one"
+    for part, words in ((None, ""), (0, ", in the estimate alone"), (1, ", in the covariance alone")):
+        for answer, d in known:
+            least = max(d) if part is None else d[part]
+            if least <= tolerance and (part is None or off[part] > tolerance):
+                names = list(answer.mistakes)
+                return f"{text}, and equals that of {' and '.join(names)} to {least:.1e}{words}", names
+    answer, d = min(known, key=lambda k: max(k[1]))
+    near = f"; the nearest known mistake ({' and '.join(answer.mistakes)}) is {max(d):.2g} away"
+    return f"{text}{near}", ["unexplained difference"]
 
 
 def shape_faults(P: F64) -> tuple[list[str], str]:
@@ -291,16 +295,20 @@ def shape_faults(P: F64) -> tuple[list[str], str]:
     return [], ""
 
 
+class ProtocolError(ValueError):
+    """The filter is not of the kind that can be examined."""
+
+
 def snapshot(made: Filter, problem: Problem) -> Estimate:
     """Copies of the filter's estimate and covariance.
 
     Raises:
-        ValueError: if they are not arrays (n,) and (n, n), which is a matter of the protocol and no mistake.
+        ProtocolError: if they are not arrays (n,) and (n, n).
     """
     n = len(problem.x0)
     x, P = np.array(made.x, np.float64), np.array(made.P, np.float64)
     if x.shape != (n,) or P.shape != (n, n):
-        raise ValueError(f"check_up: expected a filter with x ({n},) and P ({n}, {n}), got {x.shape} and {P.shape}")
+        raise ProtocolError(f"check_up: expected a filter with x ({n},) and P ({n}, {n}), got {x.shape} and {P.shape}")
     return x, P
 
 
@@ -324,11 +332,19 @@ def dissect(factory: FilterFactory, problem: Problem, seed: int, tolerance: floa
         for mistake in verdict[1]:
             found.setdefault((stage, mistake), Finding(mistake, stage, name, verdict[0]))
 
-    def shaped(stage: str, P: F64) -> bool:
-        faults, text = shape_faults(P)
-        note(stage, (text, faults)) if faults else None
+    def decide(stage: str, estimate: Estimate, answers: Iterator[Answer]) -> bool:
+        """Note the cause, or else what is wrong with the covariance itself; False if no more can be learned."""
+        faults, text = shape_faults(estimate[1])
+        where = f"{'an' if stage == 'update' else 'a'} {stage}"
+        verdict = (text, faults)
+        if "not finite" not in faults:
+            verdict = judge(estimate, answers, sizes, limit, where)
+            if faults and verdict[1] in ([], ["unexplained difference"]):
+                verdict = (text, faults)
+        note(stage, verdict)
         return not faults
 
+    stage = "start"
     made = factory(problem)
     sizes = np.sqrt(np.diag(problem.P0))
     estimate, last = snapshot(made, problem), None
@@ -340,23 +356,23 @@ def dissect(factory: FilterFactory, problem: Problem, seed: int, tolerance: floa
             dt, before = share * problem.dt, estimate
             truth = problem.motion(truth, dt)
             z = problem.measure(truth) + noise @ rng.normal(size=len(noise))
+            stage = "prediction"
             made.predict(dt)
             after = snapshot(made, problem)
-            good = shaped("prediction", after[1])
-            if np.all(np.isfinite(after[1])):
-                note("prediction", judge(after, predictions(problem, *before, dt), sizes, limit, "a prediction"))
+            if not decide(stage, after, predictions(problem, *before, dt)):
+                break
+            stage = "update"
             made.update(z.copy(), problem.R.copy())
             estimate = snapshot(made, problem)
-            if good and shaped("update", estimate[1]):
-                moment = Moment(problem, before, after, dt, z, last)
-                note("update", judge(estimate, updates(moment), sizes, limit, "an update"))
-            if not good or shape_faults(estimate[1])[0]:
+            if not decide(stage, estimate, updates(Moment(problem, before, after, dt, z, last))):
                 break
             last = z
-    except ValueError:
+    except ProtocolError:
         raise
     except Exception as error:
-        found["update", "raises"] = Finding("raises", "update", name, f"{type(error).__name__}: {error}")
+        found[stage, "raises"] = Finding("raises", stage, name, f"{type(error).__name__}: {error}")
+    if ("update", "measurement at the wrong time") in found:  # of a late one, the first update makes no use yet
+        found.pop(("update", "measurement ignored"), None)
     out = list(found.values())
     stages = {f.stage for f in out}
     return out + [Finding("", stage, name, text) for stage, text in well.items() if stage not in stages]
