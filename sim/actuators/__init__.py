@@ -1,0 +1,1 @@
+"""Truth of actuators: what they do when they are commanded, and what the spacecraft feels of it."""

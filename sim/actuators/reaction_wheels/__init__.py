@@ -1,0 +1,5 @@
+"""Reaction wheels."""
+
+from sim.actuators.reaction_wheels.module import ReactionWheels
+
+__all__ = ["ReactionWheels"]
