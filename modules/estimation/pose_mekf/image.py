@@ -204,6 +204,19 @@ def robust_weights(rows: F64, count: int, huber: float, gate: float, weight: F64
 
 
 @compiled
+def largest_change(rows: F64, count: int, weight: F64, last: F64) -> float:
+    """Largest change of the length of a residual that has a weight; ``last`` (n,) holds the lengths and takes new ones."""
+    most = 0.0
+    for i in range(count):
+        if weight[i] > 0.0:
+            length = math.sqrt(_square(rows, i))
+            # a false landmark far away tells nothing
+            most = max(most, math.fabs(length - last[i]) * min(1.0, weight[i]))
+            last[i] = length
+    return most
+
+
+@compiled
 def solve(
     P: F64, rows: F64, count: int, weight: F64, moved: F64, estimated: F64, H: F64, K: F64, dx: F64
 ) -> tuple[int, float]:

@@ -14,14 +14,16 @@ from fsw.module import Row
 from messages.base import F64
 from modules.estimation.pose_mekf import status
 from modules.estimation.pose_mekf.correct import correct, limit, transport
-from modules.estimation.pose_mekf.image import gate_one_by_one, linearize, robust_weights, solve
+from modules.estimation.pose_mekf.image import gate_one_by_one, largest_change, linearize, robust_weights, solve
 from modules.estimation.pose_mekf.layout import ESTIMATE, SIZE, THETA
 from modules.opnav.relative import orientation_at
 
-SEARCH_ITERATIONS = 10
-"""Iterations of an image that is to find a lost estimate again."""
+MOST_ITERATIONS = 25
+"""Robust weights of many false landmarks settle slowly."""
+SETTLED = 0.1
+"""Largest change of a residual between iterations, in sigma, when they have."""
 SEARCH_SHARE = 0.5
-"""Share of its landmarks that has to agree then."""
+"""Share of the landmarks that has to agree when a lost estimate is looked for."""
 
 
 @compiled
@@ -55,7 +57,7 @@ def use_image(
         marks: landmarks.
         in_camera: camera.
         in_orientation: planet.
-        search: the estimate is nearly unknown: more iterations, and most landmarks have to agree.
+        search: the estimate is nearly unknown: most landmarks have to agree.
         out: PoseFilterMsg; what the image said is written.
     """
     dcm_EN, omega_EN_N = orientation_at(in_orientation, marks.exposure_ns), vec3(in_orientation.omega_EN_N)
@@ -75,24 +77,31 @@ def use_image(
     out.accepted = kept
     if kept < least:
         return status.TOO_FEW
-    rounds = SEARCH_ITERATIONS if search else params.iterations
-    for k in range(rounds):
-        code, _ = solve(P, rows, count, weight, dx, estimated, H, K, dx)
+    # Considered states are corrected too while the estimate settles: their errors are no residuals of landmarks.
+    every, last = np.ones(SIZE), np.full(count, math.inf)
+    settled = 0
+    for k in range(MOST_ITERATIONS):
+        code, _ = solve(P, rows, count, weight, dx, every, H, K, dx)
         if code != OK:
             return status.FAILED_UPDATE
         _moved(x, dx, now)
         linearize(now, sigma, params, marks, in_camera, dcm_EN, omega_EN_N, rows)
         # what does not agree is only given up when the estimate has settled
-        kept = robust_weights(rows, count, huber, gate if k >= rounds - 2 else math.inf, weight)
+        kept = robust_weights(rows, count, huber, gate if settled > 0 else math.inf, weight)
         out.accepted = kept
         if kept < least:
             return status.TOO_FEW
+        change = largest_change(rows, count, weight, last)
+        if settled > 0 or (k + 2 >= params.iterations and change < SETTLED) or k == MOST_ITERATIONS - 3:
+            settled += 1
+        if settled == 3 or (settled == 2 and change < SETTLED):
+            break
     before = np.empty((2 * count, SIZE + 1))
     linearize(x, sigma, params, marks, in_camera, dcm_EN, omega_EN_N, before)
     one, none, step = np.empty(count), np.zeros(SIZE), np.empty(SIZE)
     for i in range(count):
         one[i] = 1.0 if weight[i] > 0.0 else 0.0
-    code, nis = solve(P, before, count, one, none, estimated, H, K, step)
+    code, nis = solve(P, before, count, one, none, every, H, K, step)
     out.nis, out.freedom = nis, 2 * kept
     if code != OK:
         return status.FAILED_UPDATE
