@@ -24,6 +24,11 @@ from fsw.math.camera import UNLIMITED
 from fsw.math.compiled import COMPILE
 from fsw.streams import stream_words
 from messages.base import F64, Field, fields_of
+from modules.control.b_dot import BDot
+from modules.control.magnetic_momentum_dump import MagneticMomentumDump
+from modules.control.wheel_torque_map import WheelTorqueMap
+from sim.actuators.magnetic_torquers import MagneticTorquers
+from sim.actuators.reaction_wheels import ReactionWheels
 from sim.camera.landmark_oracle import LandmarkOracle
 
 ULPS = 2.0
@@ -39,6 +44,20 @@ PARAMS: dict[str, Callable[[], Record]] = {
     )
 }
 """Parameters and states by ``Class.Params`` or ``Class.State``, where the rules below cannot make them."""
+THREE = {"axes": np.eye(8, 3), "limit": np.array([0.1, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0])}
+"""Three actuators along the axes of the body."""
+PARAMS |= {
+    "WheelTorqueMap.Params": lambda: WheelTorqueMap.Params(wheel_axes_B=THREE["axes"], max_torque=THREE["limit"]),
+    "BDot.Params": lambda: BDot.Params(torquer_axes_B=THREE["axes"], max_dipole=THREE["limit"]),
+    "MagneticMomentumDump.Params": lambda: MagneticMomentumDump.Params(
+        wheel_axes_B=THREE["axes"],
+        wheel_inertia=THREE["limit"],
+        torquer_axes_B=THREE["axes"],
+        max_dipole=THREE["limit"],
+    ),
+    "ReactionWheels.Params": lambda: ReactionWheels.Params(axes_B=THREE["axes"], inertia=THREE["limit"]),
+    "MagneticTorquers.Params": lambda: MagneticTorquers.Params(axes_B=THREE["axes"], max_dipole=THREE["limit"]),
+}
 
 
 def _special_messages() -> dict[str, Callable[[np.random.Generator, int], Message]]:
