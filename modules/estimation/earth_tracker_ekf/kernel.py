@@ -81,6 +81,14 @@ def take(x: F64, P: F64, state: Row) -> None:
 
 
 @compiled
+def nearly_linear(x: F64, dx: F64) -> bool:
+    """Whether a correction (12,) of a state (13,) is too small for another linearisation to matter."""
+    far = abs(x[0]) + abs(x[1]) + abs(x[2])
+    moved_by = abs(dx[0]) + abs(dx[1]) + abs(dx[2])
+    return moved_by < 1e-5 * far and abs(dx[THETA]) + abs(dx[THETA + 1]) + abs(dx[THETA + 2]) < 1e-4
+
+
+@compiled
 def use_together(
     chosen: I64, when: int, body: Body, params: Row, state: Row, feeds: Feeds, what: I64, nis: F64, rows: I64
 ) -> int:
@@ -149,6 +157,7 @@ def use_together(
             return 0
         if not corrected(state.x, dx, x):
             code = NOT_FINITE
+        if code != OK or nearly_linear(state.x, dx):
             break
     if code != OK:
         for s in range(SENSORS):

@@ -52,7 +52,7 @@ class EarthTrackerParams(Record):
     shares: Annotated[F64, Shape(SENSORS), "-", "information of the local filters; only ratios count", Bound(gt=0)] = (
         fixed(np.ones(SENSORS))
     )
-    iterations: Annotated[int, "-", "linearisations of each update, not of the federated form", Bound(ge=1, le=10)] = 1
+    iterations: Annotated[int, "-", "most linearisations of an update; the federated form has one", Bound(ge=1)] = 3
     gate: Annotated[float, "-", "factor of the gate, which at 1 refuses one good in 10,000; 0: none", Bound(ge=0)] = 1.0
     max_late: Annotated[float, "s", "oldest measurement that is still used", Bound(ge=0)] = 10.0
     unit_vectors: Annotated[bool, "-", "landmarks as unit vectors instead of pixels"] = False

@@ -1,4 +1,4 @@
-"""Truth for filters of pose: many runs at once about the Earth, with their sensors, in plain numpy; nothing of theirs."""
+"""Truth for filters of pose: many runs at once about the Earth, with their sensors, in plain numpy."""
 
 from __future__ import annotations
 
@@ -140,13 +140,8 @@ def nadir_pointing(off_nadir: float = 0.0, height: float = 500e3) -> Motion:
     """The nominal motion: inclined orbit, camera's axis turned about the along-track axis, at rest in O."""
     far, inclination = 6378137.0 + height, math.radians(51.6)
     u = math.radians(25.0)
-    node = np.array(
-        [
-            [1.0, 0.0, 0.0],
-            [0.0, math.cos(inclination), -math.sin(inclination)],
-            [0.0, math.sin(inclination), math.cos(inclination)],
-        ]
-    )
+    c, n = math.cos(inclination), math.sin(inclination)
+    node = np.array([[1.0, 0.0, 0.0], [0.0, c, -n], [0.0, n, c]])
     r = node @ np.array([math.cos(u), math.sin(u), 0.0]) * far
     v = node @ np.array([-math.sin(u), math.cos(u), 0.0]) * math.sqrt(MU / far)
     dcm_BO = rotation(np.array([off_nadir, 0.0, 0.0]))
