@@ -34,7 +34,7 @@ from fsw.math.compiled import COMPILE
 from fsw.module import KernelModule
 from fsw.ports import collect_wiring_errors
 from fsw.simulation import Simulation
-from fsw.tools import fit_orbit, limb, scaffold, specs, vision
+from fsw.tools import filters, fit_orbit, limb, scaffold, specs, vision
 from messages.base import Message, ObjectMessage, fields_of, json_schema
 
 SCENARIO = "a module such as sim.scenarios.hill_pointing, or a .py file"
@@ -276,6 +276,9 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--python", action="store_true", help="a Python module instead of a compiled kernel")
     made = add("compile", compile_kernels, "compile kernels now, so that later starts are fast", f"compile {hill}")
     made.add_argument("scenario", nargs="?", metavar="SCENARIO", help=f"{SCENARIO}; none: all modules")
+    filters.add_arguments(
+        add("check-filter", usable(filters.run), "find the usual mistakes in a filter", filters.EXAMPLE)
+    )
     fit_orbit.add_arguments(
         add("fit-orbit", fit_orbit.run, "fit an orbit of the Earth to a file of positions", fit_orbit.EXAMPLE)
     )

@@ -113,7 +113,8 @@ class Bound:
             nuisance: transition and noise (b, b) of the nuisance states; identity and zero if left out.
 
         Raises:
-            ValueError: for wrong shapes, a Phi that cannot be inverted (use `predict_blocks`), a Q that is no covariance.
+            ValueError: for wrong shapes, a Phi that cannot be inverted (use `predict_blocks`), or a Q that is no
+                covariance.
         """
         n, b = self._n, len(self._d) - self._n
         F, W = np.eye(n + b), np.zeros((n + b, n + b))

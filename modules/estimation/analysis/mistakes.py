@@ -8,10 +8,10 @@ MISTAKES = {
     "variance given as sigma": "a covariance stands where its factor or a standard deviation is expected",
     "sigma given as variance": "a factor or standard deviations stand where a covariance is expected",
     "transposed noise factor": "the factor enters as L' L; noise of covariance L L' needs rows L' under a QR",
-    "wrong triangle": "the Cholesky factor is upper where lower is expected, or points are drawn from rows, not columns",
+    "wrong triangle": "the Cholesky factor is upper where lower is expected, or points are drawn along its rows",
     "correlations dropped": "the elements beside the diagonal are lost",
     "points not redrawn": "sigma points of the time update serve the measurement; they do not know the process noise",
-    "wrong measurement sign": "innovation or measurement model has the opposite sign; it must be measured minus predicted",
+    "wrong measurement sign": "innovation or measurement model has the opposite sign; take measured minus predicted",
     "double use of data": "one measurement enters twice, or an earlier one again; use each once and check freshness",
     "measurement at the wrong time": "the measurement meets a state of another time; predict to its time first",
     "measurement ignored": "neither estimate nor covariance takes notice of it",
@@ -65,5 +65,5 @@ class Finding:
             return f"  well     {where}: {self.figure}"
         return (
             f"  MISTAKE  {self.mistake}\n           where:  {where}\n           reason: {MISTAKES[self.mistake]}\n"
-            + (f"           figure: {self.figure}")
+            f"           figure: {self.figure}"
         )

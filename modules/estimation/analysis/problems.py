@@ -176,7 +176,7 @@ def _planar(name: str, linear: bool, drag: float, H: F64, R: F64, x0: F64) -> Pr
 
 
 def linear_problem() -> Problem:
-    """Two positions and velocities, coupled; a mixture of the positions is measured. Exact answer: the Kalman filter."""
+    """Two positions and velocities, coupled, and two mixtures measured. The exact answer is the Kalman filter's."""
     H = np.array([[1.0, 0.5, 0.0, 0.0], [0.0, 1.0, 0.2, 0.0]])
     R = np.array([[0.25, 0.12], [0.12, 0.36]])
     return _planar("linear", True, 0.0, H, R, np.array([30.0, -20.0, 1.5, 0.8]))
@@ -189,14 +189,14 @@ def partly_observed_problem() -> Problem:
 
 
 def nonlinear_problem() -> Problem:
-    """Distance and direction of a body with drag: curved by some thousandths of sigma, so a good filter is consistent."""
+    """Distance and direction of a body with drag: curved by thousandths of sigma, so a good filter is consistent."""
     H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
     R = np.array([[0.25, 2e-4], [2e-4, 1e-6]])
     return _planar("mildly nonlinear", False, 2e-4, H, R, np.array([400.0, 300.0, 6.0, -9.0]))
 
 
 def scaled_problem() -> Problem:
-    """A distance of 1e7 m, its rate, and an angle of 1e-9 rad, measured precisely: arithmetic that loses digits fails."""
+    """A distance of 1e7 m, its rate, and an angle of 1e-9 rad, measured precisely, for arithmetic that loses digits."""
     drift = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     H = np.array([[1.0, 0.0, 0.0], [2e-17, 0.0, 1.0]])
     Q, P0 = np.diag([0.0, 1e-2, 1e-22]), np.diag([1e14, 1e6, 1e-18])

@@ -1,8 +1,8 @@
 """One step at a time: what a filter does is compared with the right answer and with the answers of known mistakes.
 
-On a linear problem, and on any problem whose uncertainty is small, the right answer of a step follows exactly from the
-filter's own state before it (Kalman 1960, J. Basic Eng. 82:35). So does the answer that a certain mistake gives. The one
-that agrees to the last digits names the mistake. Mistakes in one step do not disturb the judgement of the next.
+On a linear problem, and on any problem whose uncertainty is small, the right answer of a step follows exactly from
+the filter's own state before it (Kalman 1960, J. Basic Eng. 82:35). So does the answer that a certain mistake gives.
+The one that agrees to the last digits names the mistake. Mistakes in one step do not disturb the judgement of the next.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def process_noises(problem: Problem, dt: float) -> Iterator[tuple[str, F64]]:
 
 
 def predictions(problem: Problem, x: F64, P: F64, dt: float) -> Iterator[Answer]:
-    """Answers of a prediction with at most one mistake in each of: motion, covariance, noise. The right one is first."""
+    """Answers of a prediction with at most one mistake in motion, covariance and noise each. The right one is first."""
     f, F, Q = problem.motion(x, dt), problem.F(x, dt), problem.noise(dt)
     unit = problem.F(x, 1.0)
     means = [

@@ -262,7 +262,7 @@ def test_efficiency_in_words() -> None:
 
 
 def test_failures_have_an_upper_bound() -> None:
-    """None in N: 1 - 0.05^(1/N), that is 3.0, 1.0 and 0.3 %; two in ten: 0.5069 of the tables of Clopper and Pearson."""
+    """None in N: 1 - 0.05^(1/N), that is 3.0, 1.0 and 0.3 %; two in ten: 0.5069 in tables."""
     for runs, wanted in ((100, 0.0295), (300, 0.00994), (1000, 0.00299)):
         assert abs(failure_bound(0, runs) - (1.0 - 0.05 ** (1.0 / runs))) < 1e-12
         assert abs(failure_bound(0, runs) - wanted) < 1e-4

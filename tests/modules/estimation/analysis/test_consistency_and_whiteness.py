@@ -99,7 +99,7 @@ def test_missing_epochs() -> None:
     [
         (lambda p: np.diag([1.0, 2.0, 0.0]), "run 0, epoch 0 has the diagonal"),
         (lambda p: p - 2.0 * np.diag(np.diag(p)), "above zero"),
-        (lambda p: np.tril(p), "not symmetric, by 0.75"),
+        (np.tril, "not symmetric, by 0.75"),
         (lambda p: p + 1.9 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]), "eigenvalue of its correlations is -0.7"),
         (lambda p: p[:2, :2], "do not fit"),
     ],
