@@ -25,9 +25,9 @@ class Compiled(Generic[P, R]):
         py_func: the function as written.
     """
 
-    def __init__(self, function: Callable[P, R]) -> None:
+    def __init__(self, function: Callable[P, R], into_callers: bool = False) -> None:
         functools.update_wrapper(self, function)
-        self.py_func = function
+        self.py_func, self._into_callers = function, into_callers
 
     def _jit(self, **more: Any) -> Any:
         import numba
@@ -39,7 +39,8 @@ class Compiled(Generic[P, R]):
         """For compiled callers, which may then be optimised together with it; Python could not call it."""
         from fsw.math.linking import Translator
 
-        return self._jit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=Translator)
+        bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": self._into_callers}
+        return self._jit(**bare, pipeline_class=Translator)
 
     @functools.cached_property
     def _entry(self) -> Any:
@@ -73,6 +74,14 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
         A `Compiled`, or ``function`` itself when compilation is off.
     """
     return Compiled(function) if COMPILE else function
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled`, for a function of an innermost loop whose call would cost as much as it does itself.
+
+    The compiler puts it into every caller; elsewhere it decides by size, which counts branches that are rarely taken.
+    """
+    return Compiled(function, into_callers=True) if COMPILE else function
 
 
 def plain(function: Callable[P, R]) -> Callable[P, R]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple, TypeAlias
 
-from fsw.math.compiled import compiled
+from fsw.math.compiled import compiled, inlined
 from fsw.math.gravity import (
     gravity_acceleration,
     gravity_potential,
@@ -81,7 +81,7 @@ def has_only_j2(craft: Row) -> bool:
     return craft.degree == 0 and craft.j3 == 0.0 and craft.j4 == 0.0 and craft.j5 == 0.0 and craft.j6 == 0.0
 
 
-@compiled
+@inlined
 def field_acceleration(r_E: V3, craft: Row) -> V3:
     """Acceleration, m/s^2, of the planet's gravity at ``r_E`` (m), both in E components."""
     if has_only_j2(craft):

@@ -6,7 +6,7 @@ import math
 from typing import Any, TypeAlias
 
 from fsw.math.attitude import mrp_inner, mrp_rate, mrp_to_dcm
-from fsw.math.compiled import compiled
+from fsw.math.compiled import compiled, inlined
 from fsw.math.forces import gravity, surface_acceleration
 from fsw.math.gravity import gravity_gradient_torque
 from fsw.math.integrators import dop853_dense, dop853_error, dop853_factor, dop853_step, dop853_value
@@ -37,7 +37,7 @@ def disturbance(r: V3, sigma: V3, world: World) -> V3:
     return torque
 
 
-@compiled
+@inlined
 def angular_acceleration(r: V3, sigma: V3, omega: V3, world: World) -> V3:
     """Time derivative of omega_BN_B, rad/s^2: Euler's equation (Eq. 3 of the spec)."""
     craft = world.forces.craft
@@ -60,7 +60,7 @@ def felt(y: Motion, t: float, world: World) -> V3:
     return accel
 
 
-@compiled
+@inlined
 def derivative(y: Motion, t: float, world: World) -> Motion:
     """Time derivative of a motion (Eq. 1 to 4), ``t`` seconds after the time of the world."""
     accel, push = gravity(y[0], t, world.forces), (0.0, 0.0, 0.0)
