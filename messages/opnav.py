@@ -31,6 +31,8 @@ MAX_CIRCLES = 10
 """Capacity of `OpNavCirclesMsg`."""
 MAX_LIMB = 2000
 """Capacity of `OpNavLimbMsg`."""
+MAX_MODES = 8
+"""Common causes of errors in `OpNavLimbMsg`."""
 
 
 class CameraImageMsg(ObjectMessage):
@@ -122,6 +124,9 @@ class OpNavLimbMsg(Message):
     limb_px: Annotated[F64, Shape(MAX_LIMB, 2), "px", "points of the limb (column, row), distorted", NanOk()]
     sigma_px: Annotated[F64, Shape(MAX_LIMB), "px", "standard deviation across the limb", NanOk()]
     common_px: Annotated[float, "px", "standard deviation of a shift outward that all points share", Bound(ge=0)] = 0.0
+    modes_px: Annotated[
+        F64, Shape(MAX_LIMB, MAX_MODES), "px", "shifts outward that go together: a column is one sigma of one cause"
+    ] = zeros(MAX_LIMB, MAX_MODES)
 
 
 class OpNavMsg(Message):

@@ -14,7 +14,7 @@ from messages.opnav import MAX_CIRCLES, CameraConfigMsg, CameraImageMsg, OpNavCi
 from messages.states import NavAttMsg
 from modules.opnav.circle_finder.compat import hough_circles
 from modules.opnav.disks import Options, find_disks
-from modules.opnav.disks.sun import sun_in_image
+from modules.opnav.disks.sun import view_of
 
 BAD_IMAGE = 3
 """The image is too small or too large, or not one at all."""
@@ -59,8 +59,8 @@ class CircleFinder(Module):
 
     def _look(self, image: CameraImageMsg) -> OpNavCirclesMsg:
         p = self.params
-        sun = sun_in_image(self.in_camera.latest(), self.in_attitude.latest(), self.in_sun.latest())
-        options = Options(p.min_radius_px, p.max_radius_px, p.min_arc, p.most, sun=sun)
+        view = view_of(self.in_camera.latest(), self.in_attitude.latest(), self.in_sun.latest())
+        options = Options(p.min_radius_px, p.max_radius_px, p.min_arc, p.most, view=view)
         try:
             status, disks = find_disks(image.image, options)
         except ValueError:

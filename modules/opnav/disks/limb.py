@@ -36,6 +36,9 @@ SHAPE_PIXELS = 3000
 CLIP = 5.0
 
 
+NO_MODES: F64 = np.zeros((0, 0))
+
+
 class Limb(NamedTuple):
     """Points on a limb (n,), their standard deviations, and what is common to those of one sector."""
 
@@ -50,11 +53,18 @@ class Limb(NamedTuple):
     """Height of the fall over 3 px [levels]."""
     blur: float
     """Standard deviation of the blur across the limb [px], that of the pixel itself included."""
+    modes: F64 = NO_MODES
+    """(n, k) shifts outward that go together: each column is one standard deviation of an unknown cause [px]."""
 
     def pick(self, which: NDArray[np.bool_]) -> Limb:
         """The points that a mask names."""
         return self._replace(
-            x=self.x[which], y=self.y[which], sigma=self.sigma[which], sector=self.sector[which], step=self.step[which]
+            x=self.x[which],
+            y=self.y[which],
+            sigma=self.sigma[which],
+            sector=self.sector[which],
+            step=self.step[which],
+            modes=self.modes[which] if len(self.modes) else NO_MODES,
         )
 
 
@@ -69,6 +79,9 @@ class Band(NamedTuple):
     cell: NDArray[np.int64]
     sectors: int
     cells: int
+    x: F64
+    """Column [px]."""
+    y: F64
 
 
 @functools.lru_cache(512)
@@ -131,7 +144,17 @@ def band_of(values: F32, e: Ellipse, azimuths: NDArray[np.bool_], depths: F64, c
     cell = np.minimum((turn * cells).astype(np.int64), cells - 1)
     sector = cell * sectors // cells
     along = 2.0 * (turn * sectors - sector) - 1.0
-    return Band(d, values[row, column].astype(float), sector, along, cell, sectors, cells)
+    return Band(
+        d,
+        values[row, column].astype(float),
+        sector,
+        along,
+        cell,
+        sectors,
+        cells,
+        column.astype(float),
+        row.astype(float),
+    )
 
 
 class Shapes(NamedTuple):

@@ -17,7 +17,10 @@ from modules.opnav.disks.ellipse import Ellipse
 from modules.opnav.disks.grey import F32, to_grey
 from modules.opnav.disks.limb import Limb, limb_points
 from modules.opnav.disks.outline import Outline, outline
+from modules.opnav.disks.photometry import View
+from modules.opnav.disks.profile import measured
 from modules.opnav.disks.propose import Proposal, propose
+from modules.opnav.disks.sun import sun_at
 
 CV: Any = cv2
 TURN = 2.0 * math.pi
@@ -93,6 +96,8 @@ class Options(NamedTuple):
     """Points on a limb at most."""
     sun: Light | None = None
     """Where the Sun stands in the image, if that is known; else the image tells."""
+    view: View | None = None
+    """The camera and the direction of the Sun, if they are known: the light near the limb is then known much better."""
 
 
 class Search(NamedTuple):
@@ -105,6 +110,8 @@ class Search(NamedTuple):
     black: float
     """Level of what is dark in this image."""
     options: Options
+    top: float
+    """Where the image saturates."""
 
 
 DEFAULTS = Options()
@@ -129,7 +136,7 @@ def find_disks(image: NDArray[Any], options: Options = DEFAULTS) -> tuple[DiskSt
         return DiskStatus.NO_EDGES, []
     smooth = CV.GaussianBlur(CV.medianBlur(grey.values, 3), (0, 0), 0.8)
     black = float(np.percentile(smooth[::7, ::5], 1.0))
-    search = Search(grey.values, smooth, grey.noise, black, options)
+    search = Search(grey.values, smooth, grey.noise, black, options, grey.top)
     found: list[Disk] = []
     for p in proposals[:TRIES]:
         if len(found) < options.most and not any(_same(p, d) for d in found):
@@ -149,7 +156,8 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     """The disk near a proposed circle, or in words why it is none."""
     options = search.options
     start = Ellipse(proposal.x, proposal.y, proposal.radius)
-    settled = settle(search.smooth, start, LEAST_FALL * search.noise, options.sun)
+    sun = options.sun if options.view is None else sun_at(options.view, start.x, start.y)
+    settled = settle(search.smooth, start, LEAST_FALL * search.noise, sun)
     if settled is None:
         return "no limb along the rays"
     e, seen, light = settled
@@ -188,6 +196,10 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     if wrong := surroundings(search.smooth, e, search.black, light, arc):
         return wrong
     lit_px = float(np.median(_usable(search.smooth, e, seen, light)[1]))
+    if (known := _known(search, e, seen, light, limb)) is not None:
+        limb, fitted = known
+        e, rms = fitted.ellipse, float(np.sqrt(np.mean(fitted.ellipse.distance(limb.x, limb.y)[0] ** 2)))
+        return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, proposal.votes)
     if e.radius > FINE_RADIUS and lit_px > FINE_DEPTH and (again := _finest(search, e, seen, light)) is not None:
         limb, fitted = again[0]._replace(blur=limb.blur), again[1]
         e, rms = fitted.ellipse, float(np.sqrt(np.mean(fitted.ellipse.distance(limb.x, limb.y)[0] ** 2)))
@@ -196,6 +208,19 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     shared = np.sqrt(np.bincount(limb.sector)[limb.sector]) * model[limb.sector]
     limb = limb._replace(sigma=np.hypot(limb.sigma * fitted.scale, shared))
     return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, proposal.votes)
+
+
+def _known(search: Search, e: Ellipse, seen: Rays, light: Light, limb: Limb) -> tuple[Limb, Outline] | None:
+    """Points by the light that the directions of Sun and camera let expect; None if they are not known, or do not fit."""
+    if search.options.view is None:
+        return None
+    azimuths, depths = _usable(search.smooth, e, seen, light)
+    image, most = (search.values, search.noise, search.top), search.options.max_points
+    found = measured(*image, e, azimuths, depths, most, search.options.view, limb)
+    fitted = None if found is None or len(found.x) < MIN_POINTS else outline(e, found)
+    if found is None or fitted is None or fitted.keep.mean() < MIN_KEPT:
+        return None
+    return found.pick(fitted.keep), fitted
 
 
 def _finest(search: Search, e: Ellipse, seen: Rays, light: Light) -> tuple[Limb, Outline] | None:

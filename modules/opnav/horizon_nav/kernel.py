@@ -257,14 +257,30 @@ def consensus(B: M3, rays: F64, tries: int, gate: float) -> tuple[bool, V3]:
 
 
 @compiled
-def shared(B: M3, n: V3, rays: F64, inv: M3, gate: float) -> V3:
-    """Change of n if all points that agree lie one pixel further out, (3,); ``inv`` is the covariance of n."""
-    g = (0.0, 0.0, 0.0)
+def shared(B: M3, n: V3, rays: F64, gate: float, common: float, modes: F64, out: F64) -> None:
+    """What shifts that points share do to the right side of the normal equations.
+
+    Args:
+        B: maps tangents to coordinates in which the body is a unit sphere.
+        n: the limb.
+        rays: points (m, RAY).
+        gate: standard deviations beyond which a point was not used.
+        common: a shift outward of all points [px].
+        modes: (m or more, k) shifts outward that go together [px].
+        out: (3, k + 1): for each mode, and last for ``common``.
+    """
+    last = modes.shape[1]
+    for j in range(last + 1):
+        out[0, j], out[1, j], out[2, j] = 0.0, 0.0, 0.0
     for i in range(rays.shape[0]):
         e, row = at_foot(B, n, rays[i])
         if math.fabs(e) < gate * rays[i, 6]:
-            g = axpy(1.0 / (rays[i, 6] * rays[i, 6]), row, g)
-    return dot(inv[0], g), dot(inv[1], g), dot(inv[2], g)
+            w = 1.0 / (rays[i, 6] * rays[i, 6])
+            for j in range(last + 1):
+                much = w * (modes[i, j] if j < last else common)
+                out[0, j] += much * row[0]
+                out[1, j] += much * row[1]
+                out[2, j] += much * row[2]
 
 
 @compiled

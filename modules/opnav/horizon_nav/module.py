@@ -12,7 +12,7 @@ from fsw.math.attitude import mrp_to_dcm
 from fsw.math.camera import LENS_SIZE
 from fsw.math.vectors import axpy, dot, mat3, matmul, matvec, norm, scale, transpose, vec3
 from messages.environment import PlanetOrientationMsg
-from messages.opnav import CameraConfigMsg, OpNavLimbMsg, OpNavMsg
+from messages.opnav import MAX_MODES, CameraConfigMsg, OpNavLimbMsg, OpNavMsg
 from messages.states import NavAttMsg
 from modules.opnav import relative
 from modules.opnav.horizon_nav.compat import basilisk_position
@@ -149,12 +149,13 @@ class HorizonNav(KernelModule):
         if dof > 0 and chi2 / dof > 1.0 + 4.0 * math.sqrt(2.0 / dof):  # noise that large does not happen by chance
             more = chi2 / dof
         P_n = mat3(inv)
-        out = scale(in_limb.common_px, shared(B, n, rays, P_n, params.gate))
-        P_n = (
-            axpy(out[0], out, scale(more, P_n[0])),
-            axpy(out[1], out, scale(more, P_n[1])),
-            axpy(out[2], out, scale(more, P_n[2])),
-        )
+        alone, pushes = P_n, np.zeros((3, MAX_MODES + 1))
+        shared(B, n, rays, params.gate, in_limb.common_px, in_limb.modes_px, pushes)
+        P_n = (scale(more, P_n[0]), scale(more, P_n[1]), scale(more, P_n[2]))
+        for j in range(MAX_MODES + 1):
+            push = (pushes[0, j], pushes[1, j], pushes[2, j])
+            out = (dot(alone[0], push), dot(alone[1], push), dot(alone[2], push))
+            P_n = (axpy(out[0], out, P_n[0]), axpy(out[1], out, P_n[1]), axpy(out[2], out, P_n[2]))
         r, P = position(B, n, P_n)
         if not dot(r, matvec(P, r)) <= (params.max_sigma * dot(r, r)) ** 2:
             out_position.status = relative.TOO_UNSURE

@@ -9,17 +9,17 @@ import numpy as np
 from fsw import Bound, In, Module, Out, Record
 from messages.base import F64
 from messages.environment import EphemerisMsg
-from messages.opnav import MAX_LIMB, CameraConfigMsg, CameraImageMsg, OpNavLimbMsg
+from messages.opnav import MAX_LIMB, MAX_MODES, CameraConfigMsg, CameraImageMsg, OpNavLimbMsg
 from messages.states import NavAttMsg
 from modules.opnav.disks import Options, find_disks
-from modules.opnav.disks.sun import sun_in_image
+from modules.opnav.disks.sun import view_of
 from modules.opnav.limb_finder.compat import canny_points
 
 BAD_IMAGE = 3
 """The image is too small or too large, or not one at all."""
 MARS = 499
 COMMON_PX = 0.03
-"""Standard deviation of what the model of the profile is wrong by all around: see docs/limb_navigation.md [px]."""
+"""Standard deviation of what the free profile is wrong by all around, where the Sun is not known [px]."""
 
 
 class LimbFinder(Module):
@@ -70,8 +70,8 @@ class LimbFinder(Module):
 
     def _look(self, image: CameraImageMsg) -> OpNavLimbMsg:
         p = self.params
-        sun = sun_in_image(self.in_camera.latest(), self.in_attitude.latest(), self.in_sun.latest())
-        options = Options(p.min_radius_px, p.max_radius_px, p.min_arc, max_points=p.max_points, sun=sun)
+        view = view_of(self.in_camera.latest(), self.in_attitude.latest(), self.in_sun.latest())
+        options = Options(p.min_radius_px, p.max_radius_px, p.min_arc, max_points=p.max_points, view=view)
         try:
             status, disks = find_disks(image.image, options)
         except ValueError:
@@ -79,15 +79,28 @@ class LimbFinder(Module):
         if not disks:
             return self._message(image, np.empty((0, 2)), np.empty(0), int(status))
         limb = disks[0].limb
-        return self._message(image, np.column_stack([limb.x, limb.y]), limb.sigma, int(status))
+        modes = np.zeros((len(limb.x), MAX_MODES))
+        modes[:, : limb.modes.shape[1]] = limb.modes if len(limb.modes) else 0.0
+        common = 0.0 if len(limb.modes) else COMMON_PX
+        return self._message(image, np.column_stack([limb.x, limb.y]), limb.sigma, int(status), common, modes)
 
     def _basilisk(self, image: CameraImageMsg) -> OpNavLimbMsg:
         p = self.params
         points = canny_points(image.image, p.blur_px, p.canny_low, p.canny_high, p.least)
         return self._message(image, points, np.full(len(points), np.nan), 0 if len(points) else 2)
 
-    def _message(self, image: CameraImageMsg, points: F64, sigma: F64, status: int) -> OpNavLimbMsg:
-        n = len(points)
+    def _message(
+        self,
+        image: CameraImageMsg,
+        points: F64,
+        sigma: F64,
+        status: int,
+        common: float = 0.0,
+        modes: F64 | None = None,
+    ) -> OpNavLimbMsg:
+        n, modes_px = len(points), np.zeros((MAX_LIMB, MAX_MODES))
+        if modes is not None:
+            modes_px[:n] = modes
         limb_px, sigma_px = np.full((MAX_LIMB, 2), np.nan), np.full(MAX_LIMB, np.nan)
         limb_px[:n], sigma_px[:n] = points, sigma
         return OpNavLimbMsg(
@@ -98,5 +111,6 @@ class LimbFinder(Module):
             count=n,
             limb_px=limb_px,
             sigma_px=sigma_px,
-            common_px=0.0 if self.params.basilisk or n == 0 else COMMON_PX,
+            common_px=common,
+            modes_px=modes_px,
         )

@@ -14,8 +14,8 @@ from fsw import Module, Out
 from messages.environment import EphemerisMsg
 from messages.opnav import CameraConfigMsg, CameraImageMsg, OpNavLimbMsg
 from messages.states import NavAttMsg
-from modules.opnav.disks import find_disks
-from modules.opnav.disks.sun import sun_in_image
+from modules.opnav.disks import Light, find_disks
+from modules.opnav.disks.sun import sun_at, view_of
 from modules.opnav.limb_finder import LimbFinder
 from tests.modules.opnav import disk_scenes as scenes
 
@@ -129,7 +129,7 @@ def test_what_stands_in_front_is_left_out() -> None:
 def test_sigma_follows_the_noise() -> None:
     light = scenes.lit_disk((300, 300), (150.2, 148.9), 90.0, 0.0, 0.0, "lunar")
     sigma = []
-    for noise in (3.0, 12.0):  # above what the model of the profile adds
+    for noise in (1.0, 4.0):
         found = look(scenes.exposed(light, np.random.default_rng(2), noise=noise, shot=0.0))
         sigma.append(float(np.median(found.sigma_px[: found.count])))
     assert sigma[1] / sigma[0] == pytest.approx(4.0, rel=0.35)
@@ -146,12 +146,22 @@ def test_where_the_sun_stands() -> None:
     def sun(r_N: list[float]) -> EphemerisMsg:
         return EphemerisMsg(body_id=10, mu=1.3e20, radius=7e8, r_PN_N=1.5e11 * np.array(r_N), v_PN_N=np.zeros(3))
 
-    seen = sun_in_image(camera, attitude, sun([0.6, 0.0, -0.8]))  # x_N is -y_B, which is -x_C
-    assert seen is not None and seen.contrast > 0.5
-    assert math.cos(seen.azimuth) == pytest.approx(-1.0, abs=1e-12)
-    behind = sun_in_image(camera, attitude, sun([0.01, 0.0, -1.0]))
-    assert behind is not None and behind.contrast == 0.0
-    assert sun_in_image(camera, None, sun([1.0, 0.0, 0.0])) is None
+    def seen(r_N: list[float], x: float, y: float) -> Light:
+        view = view_of(camera, attitude, sun(r_N))
+        assert view is not None
+        return sun_at(view, x, y)
+
+    middle = seen([0.6, 0.0, -0.8], 255.5, 255.5)  # x_N is -y_B, which is -x_C
+    assert middle.contrast > 0.5
+    assert math.cos(middle.azimuth) == pytest.approx(-1.0, abs=1e-12)
+    assert seen([0.01, 0.0, -1.0], 255.5, 255.5).contrast == 0.0
+    # The Sun behind the camera: a body to the right of the axis is lit from the right
+    aside = seen([0.0, 0.0, -1.0], 455.5, 255.5)
+    assert aside.contrast > 0.5 and math.cos(aside.azimuth) == pytest.approx(1.0, abs=1e-12)
+    # and one in the direction opposite to the Sun is full wherever it is
+    off = 200.0 / 900.0
+    assert seen([off, 0.0, -1.0], 455.5, 255.5).contrast == 0.0
+    assert view_of(camera, None, sun([1.0, 0.0, 0.0])) is None
 
 
 def test_nothing_and_bad_input() -> None:
