@@ -344,7 +344,7 @@ def results(flights: list[Flight], scenario: str, chains_made: list[Chain]) -> l
 def _nees(e: F64, P: F64) -> float:
     """Mean normalised square of errors (M, 6); NaN where a covariance is none (Basilisk's may be)."""
     try:
-        white: F64 = np.linalg.solve(P, e[..., None])
+        white = np.asarray(np.linalg.solve(P, e[..., None]), np.float64)
         return float(np.mean(np.sum(e * white[..., 0], axis=1)))
     except np.linalg.LinAlgError:
         return math.nan

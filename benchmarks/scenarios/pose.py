@@ -152,7 +152,7 @@ def judge(case: Case, method: str, own: bool, study: Study, bound: F64, note: st
     scores = [efficiency(e[kept][..., g], bound[:, g, g]) for g in groups]
     last = nees(e[kept], study.P[kept])[:, -1]
     limits = band(12, int(kept.sum()))
-    times: F64 = np.linspace(EVERY, EVERY * e.shape[1], e.shape[1])
+    times = float(EVERY) * np.array([1.0 + k for k in range(e.shape[1])])
     settled = time_to_converge(times, e[kept][..., :3], sigma[0])
     value = float(np.mean(last))
     met, text = None, ""
