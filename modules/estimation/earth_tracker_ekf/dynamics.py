@@ -43,7 +43,7 @@ from modules.estimation.pose_models.pose import OMEGA, SIZE, THETA, R, V
 
 Body: TypeAlias = tuple[Gravity, M3, M3, V3, bool, float]
 """Gravity; inertia [kg m^2] and its inverse; torque [N m], B; whether gravity's gradient turns it; longest step [s]."""
-TURN = 0.02
+TURN = 0.005
 """Largest turn of the body in a step [rad]."""
 
 

@@ -126,11 +126,11 @@ def federated(P: F64, H: F64, residual: F64, m: I64, factor: float, shares: F64,
     """A local filter for each sensor, and a master that fuses them and hands its result back (fusion with reset).
 
     Each local filter holds the common estimate with the covariance P / share (and so, all the time, process noise
-    Q / share); shares sum to 1. It is updated by its own sensor. The master adds their information.
+    Q / share); shares are divided by their sum. It is updated by its own sensor. The master adds their information.
 
     Args:
         P, H, residual, m, factor, what, nis, dx: as in `batch`.
-        shares: (7,) of the information.
+        shares: (7,) of the information, in any unit.
 
     Returns:
         `OK` or why there is no result; P is then unchanged.
@@ -139,11 +139,14 @@ def federated(P: F64, H: F64, residual: F64, m: I64, factor: float, shares: F64,
     local, step = np.empty((SIZE, SIZE)), np.empty(SIZE)
     for i in range(SIZE):
         d[i] = math.sqrt(P[i, i])
+    whole = 0.0
+    for s in range(m.shape[0]):
+        whole += shares[s]
     for s in range(m.shape[0]):
         for i in range(SIZE):
             step[i] = 0.0
             for j in range(SIZE):
-                local[i, j] = P[i, j] / shares[s]
+                local[i, j] = P[i, j] * whole / shares[s]
         if m[s] > 0:
             code, nis[s] = white_update(local, H[s], residual[s], m[s], gate_of(m[s], factor), step)
             what[s] = outcome(code)

@@ -21,7 +21,7 @@ from modules.estimation.earth_tracker_ekf.linearise import Feeds, linearised, me
 from modules.estimation.earth_tracker_ekf.params import BATCH, FEDERATED, SEQUENTIAL
 from modules.estimation.earth_tracker_ekf.status import SENSORS
 from modules.estimation.pose_models.pose import OMEGA, SIZE, THETA
-from modules.opnav import relative
+from modules.opnav.relative import orientation_at
 
 
 @compiled
@@ -32,7 +32,7 @@ def body_of(t_ns: int, params: Row, torque: Row, orientation: Row) -> Body:
     if torque.seq != 0:
         T = vec3(torque.torque_B)
     if orientation.seq != 0:
-        pole = relative.orientation_at(orientation, t_ns)
+        pole = orientation_at(orientation, t_ns)
     gravity = params.mu, params.radius, params.j2, pole
     return gravity, inertia, inverse(inertia), T, params.gravity_gradient, params.max_step
 

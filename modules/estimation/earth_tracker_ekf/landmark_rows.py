@@ -13,9 +13,9 @@ from fsw.module import Row
 from messages.base import F64, I64
 from modules.estimation.earth_tracker_ekf import status
 from modules.estimation.earth_tracker_ekf.few import Found, divide, put_compressed
-from modules.estimation.pose_models import landmarks
-from modules.estimation.pose_models.pose import SIZE, THETA, Pose, R
-from modules.opnav import relative
+from modules.estimation.pose_models.landmarks import landmark_direction, landmark_from_camera, landmark_pixel
+from modules.estimation.pose_models.pose import SIZE, THETA, Pose, R, across
+from modules.opnav.relative import lens_of
 
 LANDMARK_GATE = 18.42
 """Normalised square of a landmark's two residuals that one in 10,000 good ones exceeds."""
@@ -88,7 +88,7 @@ def pixel_rows(
     if params.unit_vectors:
         x, y = undistort_point(lens, u, v)
         seen = unit((x, y, 1.0))
-        first, second = landmarks.landmark_direction(
+        first, second = landmark_direction(
             pose, dcm_CB, r_CB_B, dcm_EN, r_LE_E, seen, H, work[0:2], work[2:4], work[4:6]
         )
         residual[0], residual[1] = first, second
@@ -99,8 +99,8 @@ def pixel_rows(
         ux, uy = lens[0] * xx + lens[4] * yx, lens[0] * xy + lens[4] * yy
         vx, vy = lens[1] * yx, lens[1] * yy
         det, far = ux * vy - uy * vx, math.sqrt(x * x + y * y + 1.0)
-        _, p_C = landmarks.landmark_from_camera(pose, dcm_CB, r_CB_B, dcm_EN, r_LE_E)
-        e1, e2 = landmarks.across(unit(p_C))
+        _, p_C = landmark_from_camera(pose, dcm_CB, r_CB_B, dcm_EN, r_LE_E)
+        e1, e2 = across(unit(p_C))
         p, q = across_pixel(e1, seen, far, ux, uy, vx, vy, det)
         s, t = across_pixel(e2, seen, far, ux, uy, vx, vy, det)
         a, b, c = (
@@ -109,7 +109,7 @@ def pixel_rows(
             s * s * a + 2.0 * s * t * b + t * t * c,
         )
     else:
-        x, y, _, _ = landmarks.landmark_pixel(
+        x, y, _, _ = landmark_pixel(
             pose, dcm_CB, r_CB_B, lens, dcm_EN, zero, r_LE_E, H, work[0:2], work[6:8], work[2:4], work[4:6]
         )
         residual[0], residual[1] = u - x, v - y
@@ -170,7 +170,7 @@ def landmark_rows(
         return status.TOO_FEW, 0
     lens, rows, work = np.empty(LENS_SIZE), np.empty((2 * count, 7)), np.empty((8, 10))
     pair, seen = np.empty((2, SIZE)), np.empty(2)
-    relative.lens_of(camera, lens)
+    lens_of(camera, lens)
     dcm_CB = mat3(camera.dcm_CB)
     near = np.zeros((6, 6))
     if first:

@@ -12,13 +12,21 @@ from fsw.math.square_root import OK, cholesky, solve_lower
 from fsw.math.vectors import vec3
 from fsw.module import Row
 from messages.base import F64, I64
-from modules.estimation.earth_tracker_ekf import rows, status
+from modules.estimation.earth_tracker_ekf import status
 from modules.estimation.earth_tracker_ekf.dynamics import Body, moved, noise
 from modules.estimation.earth_tracker_ekf.error import frame_of, pose_of, to_pose_error
 from modules.estimation.earth_tracker_ekf.few import Found
 from modules.estimation.earth_tracker_ekf.landmark_rows import landmark_rows
+from modules.estimation.earth_tracker_ekf.rows import (
+    gps_rows,
+    gyro_rows,
+    magnetometer_rows,
+    star_rows,
+    sun_rows,
+    tracker_rows,
+)
 from modules.estimation.pose_models.pose import SIZE, Pose
-from modules.opnav import relative
+from modules.opnav.relative import orientation_at
 
 Feeds: TypeAlias = Any
 """Rows: landmarks, GPS, gyro, Sun sensors, magnetometer, star tracker, stars; camera, Sun, orientation."""
@@ -77,22 +85,22 @@ def rows_of(
     """Rows of a sensor by the error of the pose at the time of its measurement."""
     orientation, sun = feeds[9], feeds[8]
     if which == status.GYRO:
-        return rows.gyro_rows(pose, params, feeds[2], H, residual)
+        return gyro_rows(pose, params, feeds[2], H, residual)
     if which == status.SUN_SENSORS:
-        return rows.sun_rows(pose, params, feeds[3], sun, H, residual)
+        return sun_rows(pose, params, feeds[3], sun, H, residual)
     if which == status.STAR_TRACKER:
-        return rows.tracker_rows(pose, params, feeds[5], H, residual)
+        return tracker_rows(pose, params, feeds[5], H, residual)
     if which == status.STARS:
-        return rows.star_rows(pose, params, feeds[6], sun, H, residual)
+        return star_rows(pose, params, feeds[6], sun, H, residual)
     if orientation.seq == 0:
         return status.NO_INPUT, 0
-    dcm_EN, omega_EN_N = relative.orientation_at(orientation, when), vec3(orientation.omega_EN_N)
+    dcm_EN, omega_EN_N = orientation_at(orientation, when), vec3(orientation.omega_EN_N)
     if which == status.GPS:
-        return rows.gps_rows(pose, params, feeds[1], dcm_EN, omega_EN_N, H, residual)
+        return gps_rows(pose, params, feeds[1], dcm_EN, omega_EN_N, H, residual)
     if which == status.MAGNETOMETER:
         if params.field_degree == 0:
             return status.NO_INPUT, 0
-        return rows.magnetometer_rows(pose, params, feeds[4], dcm_EN, H, residual)
+        return magnetometer_rows(pose, params, feeds[4], dcm_EN, H, residual)
     if feeds[7].seq == 0:
         return status.NO_INPUT, 0
     return landmark_rows(pose, P, M, params, feeds[0], feeds[7], dcm_EN, first, keep, H, residual)

@@ -20,6 +20,7 @@ SPIN = 7.292115e-5
 GROUND = 6371e3
 """Radius of the sphere that carries the landmarks [m]."""
 INERTIA = np.array([[0.040, 0.001, 0.0], [0.001, 0.050, -0.001], [0.0, -0.001, 0.020]])
+BACK = np.linalg.inv(INERTIA)
 ARCSEC = math.pi / 648000.0
 
 
@@ -85,7 +86,7 @@ def slope(y: F64, torque: F64) -> F64:
     q, w = y[:, 6:10], y[:, 10:]
     axis, scalar = q[:, :3], q[:, 3:]
     dq = 0.5 * np.hstack([scalar * w + np.cross(axis, w), -np.sum(axis * w, axis=1, keepdims=True)])
-    dw = np.linalg.solve(INERTIA, (torque - np.cross(w, w @ INERTIA)).T).T
+    dw = (torque - np.cross(w, w @ INERTIA)) @ BACK
     return np.hstack([y[:, 3:6], gravity(y[:, :3]), dq, dw])
 
 
