@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     )
     text = str(report)
     if args.json:
-        findings = [vars(f) for f in report.findings]
+        findings: list[Any] = [vars(f) for f in report.findings]
         text = json.dumps({"passed": report.passed, "mistakes": report.mistakes, "findings": findings}, indent=2)
     sys.stdout.write(text + "\n")
     return 0 if report.passed else 1

@@ -14,13 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from messages.base import F64
 from modules.estimation.analysis.consistency import definite_factors
 
+LINALG: Any = np.linalg
+"""Its types say floating, not float64."""
 Seen: TypeAlias = "tuple[F64, F64] | tuple[F64, F64, float]"
 """A measurement: H (m, n), R (m, m), and the probability that it is made (1 if left out)."""
 Step: TypeAlias = "tuple[F64, F64, Sequence[Seen]]"
@@ -38,7 +40,7 @@ def _matrix(value: F64, shape: tuple[int, int], what: str) -> F64:
 def _triangle(rows: F64) -> F64:
     """Upper U (n, n) with U' U = A' A, for A (m, n) with any m."""
     n = rows.shape[1]
-    R = np.linalg.qr(rows, mode="r")
+    R: F64 = LINALG.qr(rows, mode="r")
     return R if len(R) == n else np.vstack([R, np.zeros((n - len(R), n))])
 
 
@@ -100,7 +102,7 @@ class Bound:
             n, d = len(squares), np.sqrt(squares)
             if P is not None:
                 sigma, L = definite_factors(_matrix(P, (n, n), "prior")[None], "Bound: prior")
-                inverse = np.linalg.solve(L[0], np.diag(d / sigma[0]))
+                inverse: F64 = LINALG.solve(L[0], np.diag(d / sigma[0]))
                 self._U[at : at + n, at : at + n] = _triangle(inverse)
             at += n
 
@@ -171,7 +173,7 @@ class Bound:
         if nuisance is not None:
             full[:, n:] = _matrix(nuisance, (m, b), "H of the nuisance")
         d, L = definite_factors(_matrix(R, (m, m), "R")[None], "Bound: R")
-        rows = np.linalg.solve(L[0], full * self._d / d[0][:, None]) * np.sqrt(detection)
+        rows: F64 = LINALG.solve(L[0], full * self._d / d[0][:, None]) * np.sqrt(detection)
         self._U = _triangle(np.vstack([self._U, rows]))
 
     def information(self) -> F64:
@@ -226,7 +228,7 @@ def bound_steps(bound: Bound, steps: Iterable[Step]) -> Iterator[F64]:
     for Phi, Q, measurements in steps:
         bound.predict(Phi, Q)
         for one in measurements:
-            bound.measure(*one)
+            bound.measure(one[0], one[1], one[2] if len(one) == 3 else 1.0)
         yield bound.covariance()
 
 

@@ -151,7 +151,7 @@ class Consistency:
         Student's t of the time means of the runs. Unlike the band it asks for no distribution, so it says how well
         the mean of a wrong filter is known.
         """
-        means = np.nanmean(self.values[np.any(np.isfinite(self.values), axis=1)], axis=1)
+        means: F64 = np.nanmean(self.values[np.any(np.isfinite(self.values), axis=1)], axis=1)
         if len(means) < 2:
             raise ValueError(f"{self.name}: one run has no scatter between runs; simulate more of them")
         half = float(student.ppf(0.5 + 0.5 * self.level, len(means) - 1) * np.std(means, ddof=1) / np.sqrt(len(means)))
@@ -224,8 +224,7 @@ def _consistency(name: str, vectors: F64, P: F64, level: float, missing: Missing
     for k in np.flatnonzero(counted):
         mean[k] = np.mean(values[known[:, k], k])
         low[k], high[k] = band(n, int(counted[k]), level)
-    independent = np.count_nonzero(known) if white else np.count_nonzero(np.any(known, axis=1))
-    total_low, total_high = band(n, int(independent), level)
+    total_low, total_high = band(n, int(np.count_nonzero(known if white else np.any(known, axis=1))), level)
     total, lost = float(np.mean(values[known])), int(known.size - np.count_nonzero(known))
     return Consistency(
         name, values, n, level, mean, low, high, counted.astype(np.int64), total, total_low, total_high, lost

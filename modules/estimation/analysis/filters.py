@@ -110,7 +110,7 @@ class UnscentedFilter:
             raise ValueError(f"UnscentedFilter: the problem {problem.name} has no compiled functions; give kernels")
         self.problem = problem
         self.motion, self.motion_args, self.measure, self.measure_args = problem.kernels
-        self.weights = unscented_weights(len(problem.x0), alpha, beta, kappa)
+        self.weights = plain(unscented_weights)(len(problem.x0), alpha, beta, kappa)
         self.x, self.S = problem.x0.copy(), np.zeros_like(problem.P0)
         _check(plain(cholesky)(problem.P0, self.S), "the factor of P0")
 

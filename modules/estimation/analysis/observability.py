@@ -154,7 +154,7 @@ def observability(
     for Phi, Q, measurements in steps:
         bound.predict(Phi, Q)
         for one in measurements:
-            bound.measure(*one)
+            bound.measure(one[0], one[1], one[2] if len(one) == 3 else 1.0)
     U = bound.triangle()
     _, values, rows = np.linalg.svd(U)
     # rounding of a triangle made of many rows, far below what any sensor's dynamic range spans

@@ -84,8 +84,12 @@ class Problem:
 
     def shrunk(self, factor: float) -> Problem:
         """The same with all standard deviations multiplied by a small factor, which makes it as good as linear."""
-        square, noise = factor * factor, self.noise
-        return replace(self, P0=square * self.P0, R=square * self.R, noise=lambda dt: square * noise(dt))
+        square, full = factor * factor, self.noise
+
+        def noise(dt: float) -> F64:
+            return square * full(dt)
+
+        return replace(self, P0=square * self.P0, R=square * self.R, noise=noise)
 
 
 def differences(function: Callable[[F64], F64], x: F64, steps: F64) -> F64:

@@ -79,8 +79,8 @@ def efficiency(errors: F64, bound: F64, level: float = 0.95, since: float = 0.5)
     e, trace = e[:, first:], trace[:, first:]
     if not (np.all(np.isfinite(e)) and np.all(trace > 0.0) and np.all(np.isfinite(trace))):
         raise ValueError("efficiency: errors or bound hold NaN, infinity or a bound <= 0; count lost runs apart")
-    square = np.mean(np.sum(e * e, axis=-1), axis=1)
-    limit = np.mean(trace, axis=1)
+    square: F64 = np.mean(np.sum(e * e, axis=-1), axis=1)
+    limit: F64 = np.mean(trace, axis=1)
     ratio = square / limit
     mean, spread = float(np.mean(ratio)), float(np.var(ratio, ddof=1))
     freedom = 2.0 * mean * mean / spread if spread > 0.0 else np.inf

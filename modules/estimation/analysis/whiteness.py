@@ -18,6 +18,7 @@ from modules.estimation.analysis.consistency import Missing, whitened
 
 chi2: Any = _chi2
 norm: Any = _norm
+LINALG: Any = np.linalg
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def whiteness(innovations: F64, S: F64, lags: int = 10, level: float = 0.95, mis
     shown = np.einsum("rki,rkj->ij", filled, filled) / count
     if np.linalg.matrix_rank(shown) < m:
         raise ValueError("whiteness: the innovations do not vary in all their components; give measured ones")
-    own = np.linalg.solve(np.linalg.cholesky(shown), filled[..., None])[..., 0]
+    own: F64 = LINALG.solve(LINALG.cholesky(shown), filled[..., None])[..., 0]
     correlation, pairs, statistic = np.empty(lags), np.empty(lags, np.int64), 0.0
     for lag in range(1, lags + 1):
         early, late = filled[:, :-lag], filled[:, lag:]

@@ -93,7 +93,7 @@ def test_information_of_the_whole_trajectory() -> None:
     for k in range(epochs):
         Phi, Q, H, R = system(rng, 3, 2, 3)
         p = float(rng.uniform(0.2, 1.0))
-        W = np.linalg.inv(Q)
+        W = np.asarray(np.linalg.inv(Q), np.float64)
         D11, D12, D22 = Phi.T @ W @ Phi, -Phi.T @ W, W
         at, after = slice(3 * k, 3 * k + 3), slice(3 * k + 3, 3 * k + 6)
         J[at, at] += D11
@@ -104,7 +104,7 @@ def test_information_of_the_whole_trajectory() -> None:
         general.predict_blocks(D11, D12, D22)
         for bound in (one, general):
             bound.measure(H, R, p)
-    wanted = np.linalg.inv(J)[-3:, -3:]
+    wanted = np.asarray(np.linalg.inv(J), np.float64)[-3:, -3:]
     assert apart(one.covariance(), wanted) < 1e-9
     assert apart(general.covariance(), wanted) < 1e-9
 
