@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from messages.base import F64
 from modules.opnav.disks.ellipse import Ellipse, azimuths, fit
 from modules.opnav.disks.grey import F32
+from modules.opnav.disks.shading import shading
 
 CV: Any = cv2
 MAX_RAYS = 240
@@ -20,13 +21,16 @@ HEAD_ON = 0.15
 """Below this contrast of the light, the whole limb is taken for lit."""
 HORN = math.radians(82.0)
 """Lit limb is what is nearer to the Sun's azimuth; beyond begins the terminator."""
-DEEP = 8.0
-SHARP = 0.42
-"""A limb falls by this share of the light within that depth [px] over 3 px; a terminator by some quarter."""
-CUT = 0.55
-"""Where less of the turn is in the image, the light is known by the sharp falls alone."""
-SHARP_RADIUS = 60.0
-"""On smaller disks a terminator is as sharp as a limb [px]."""
+WHOLE = 0.95
+"""Share of the turn: where less of it is in the image, the light is known by the shading of the disk."""
+CUT, CUT_RADIUS = 0.55, 60.0
+"""Where less is in the image of a disk above this radius [px], no ellipse is tried at first."""
+BEYOND = 0.06
+"""How far beyond the outline light is looked for, to the radius."""
+MOST = 0.7
+"""Share of a limb lit all round that must be seen."""
+MUCH = 0.08
+"""Light beyond the outline on more than this share of the turn is too much."""
 NEIGHBOURS = 0.02
 """Of the turn, to each side: craters make a terminator sharp here and there."""
 
@@ -41,8 +45,6 @@ class Rays(NamedTuple):
     """The ray's part near the limb lies in the image."""
     good: NDArray[np.bool_]
     """It has a fall that stands out."""
-    sharp: NDArray[np.bool_]
-    """The fall is steep: a limb, not a terminator."""
 
 
 def rays(smooth: F32, ellipse: Ellipse, window: float, least: float) -> Rays:
@@ -80,10 +82,7 @@ def rays(smooth: F32, ellipse: Ellipse, window: float, least: float) -> Rays:
     index = fall.shape[1] - 1 - np.argmax(strong[:, ::-1], axis=1)
     d = at[index]
     place = np.column_stack([x0 + nx * d, y0 + ny * d])
-    each = np.arange(count)
-    within = profile[each[:, None], np.maximum(index[:, None] - np.arange(0, round(DEEP / STEP), 2), 0)].max(axis=1)
-    sharp = fall[each, index] > SHARP * (within - profile[each, index + lag])
-    return Rays(theta, place, fall[each, index], inside, good, sharp)
+    return Rays(theta, place, fall[np.arange(count), index], inside, good)
 
 
 class Light(NamedTuple):
@@ -118,7 +117,7 @@ def mostly(which: NDArray[np.bool_], of: NDArray[np.bool_]) -> NDArray[np.bool_]
 
 
 def middle_of(seen: Rays) -> Light:
-    """The middle of the limb that is seen, for a disk cut off by the frame."""
+    """The middle of the limb that is seen, for a disk of which little more is in the image."""
     theta = seen.theta[seen.good]
     return Light(math.atan2(np.sin(theta).sum(), np.cos(theta).sum()), 1.0)
 
@@ -130,35 +129,88 @@ def lit(theta: F64, light: Light, within: float = HORN) -> NDArray[np.bool_]:
     return np.cos(theta - light.azimuth) > math.cos(within)
 
 
-def settle(smooth: F32, start: Ellipse, least: float, sun: Light | None) -> tuple[Ellipse, Rays, Light] | None:
+def settle(
+    smooth: F32, start: Ellipse, least: float, black: float, sun: Light | None
+) -> tuple[Ellipse, Rays, Light] | None:
     """Follow the limb from a proposed circle, with ever narrower windows; None if too few rays agree.
 
     Args:
         smooth: (rows, columns), without spikes.
         start: where to look.
         least: least height of a fall [levels].
+        black: level of the dark.
         sun: where the Sun stands, if that is known.
+
+    Returns:
+        The outline, the falls around it, of which only those on the limb are good, and the light.
     """
-    e, light = start, Light(0.0, 0.0)
-    seen = None
-    windows = [max(4.0, share * e.radius) for share in (0.08, 0.03)] + [4.0, 4.0]
-    for window in windows:
+    e = start
+    made: tuple[Ellipse, Rays, Light] | None = None
+    for window in (*(max(4.0, share * e.radius) for share in (0.08, 0.03)), 4.0, 4.0):
         seen = rays(smooth, e, min(window, 60.0), least)
-        cut = sun is None and seen.inside.mean() < CUT and e.radius > SHARP_RADIUS
-        if cut:
-            seen = seen._replace(good=seen.good & mostly(seen.good & seen.sharp, seen.inside))
-        light = sun or (middle_of(seen) if cut else light_of(seen))
-        used = seen.good & lit(seen.theta, light)
-        x, y = seen.place[used].T
-        if len(x) < 12 or len(x) < 0.3 * (seen.inside & lit(seen.theta, light)).sum():
+        light = sun or _light(smooth, e, black, seen)
+        found = _follow(e, seen, lit(seen.theta, light), window)
+        if found is None:
             return None
-        sigma = np.full(len(x), max(0.5, 0.1 * window))
-        made, agree, scale = fit(e._replace(oval_x=0.0, oval_y=0.0), x, y, sigma, False, max(window, 2.0), 5)
-        if used.mean() > 0.2 and not cut:
-            oval, agree_oval, scale_oval = fit(e, x, y, sigma, True, max(window, 2.0), 5)
-            if agree_oval.sum() > 1.04 * agree.sum() or scale_oval < 0.75 * scale:
-                made, agree = oval, agree_oval
-        if agree.sum() < max(10.0, 0.4 * len(x)):
+        e = found
+        made = e, seen, light
+    return made
+
+
+def _light(smooth: F32, e: Ellipse, black: float, seen: Rays) -> Light:
+    """From the falls around a whole disk; of one that the frame cuts off, from its shading."""
+    if seen.inside.mean() > WHOLE:
+        return light_of(seen)
+    if (found := shading(smooth, e, black)) is None:
+        return middle_of(seen)
+    return Light(found.azimuth, 1.0 if found.phase > 0.0 else 0.0)
+
+
+def _follow(e: Ellipse, seen: Rays, limb: NDArray[np.bool_], window: float) -> Ellipse | None:
+    """Circle or ellipse through the falls on a limb; None if too few agree."""
+    used = seen.good & limb
+    x, y = seen.place[used].T
+    if len(x) < 12 or len(x) < 0.3 * (seen.inside & limb).sum():
+        return None
+    sigma, most = np.full(len(x), max(0.5, 0.1 * window)), max(window, 2.0)
+    made, agree, scale = fit(e._replace(oval_x=0.0, oval_y=0.0), x, y, sigma, False, most, 5)
+    if used.mean() > 0.2 and not cut_off(e, seen):
+        oval, agree_oval, scale_oval = fit(e, x, y, sigma, True, most, 5)
+        if agree_oval.sum() > 1.04 * agree.sum() or scale_oval < 0.75 * scale:
+            made, agree = oval, agree_oval
+    return None if agree.sum() < max(10.0, 0.4 * len(x)) else made
+
+
+def cut_off(e: Ellipse, seen: Rays) -> bool:
+    """Whether the frame leaves so little of a disk that a circle must do for the start."""
+    return bool(seen.inside.mean() < CUT) and e.radius > CUT_RADIUS
+
+
+def all_within(smooth: F32, e: Ellipse, seen: Rays, light: Light, least: float) -> tuple[Ellipse, Rays, Light] | None:
+    """The outline, with the falls away from the Sun that lie beyond it: no light is beyond a limb.
+
+    A disk that is lit nearly head on shows its limb all round, or nearly so, and half of it says little of the radius.
+
+    Args:
+        smooth, least: as in `settle`.
+        e, seen, light: what was found so far.
+
+    Returns:
+        None if there is no such light, or if the rest does not agree with it.
+    """
+    window = max(4.0, min(BEYOND * e.radius, 60.0))
+    for number in range(3):
+        seen = rays(smooth, e, window, least)
+        d, bright = e.distance(*seen.place.T)[0], lit(seen.theta, light)
+        limb = bright | (d > -0.5)
+        if number == 0:
+            beyond = mostly(seen.good & ~bright & (d > max(1.0, 0.004 * e.radius)), seen.inside & ~bright)
+            if beyond.mean() < MUCH:
+                return None
+            limb = bright | beyond
+        seen = seen._replace(good=seen.good & limb)
+        found = _follow(e, seen, limb, window)
+        if found is None:
             return None
-        e = made
-    return None if seen is None else (e, seen, light)
+        e, window = found, 4.0
+    return (e, seen, Light(light.azimuth, 0.0)) if seen.good.sum() > MOST * seen.inside.sum() else None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from messages.base import F64
 from modules.opnav.disks.checks import surroundings
-from modules.opnav.disks.coarse import CUT, Light, Rays, lit, settle
+from modules.opnav.disks.coarse import CUT, Light, Rays, all_within, lit, settle
 from modules.opnav.disks.ellipse import Ellipse
 from modules.opnav.disks.grey import F32, to_grey
 from modules.opnav.disks.limb import Limb, limb_points
@@ -154,13 +154,23 @@ def _same(p: Proposal | Ellipse, disk: Disk) -> bool:
 
 def measure(search: Search, proposal: Proposal) -> Disk | str:
     """The disk near a proposed circle, or in words why it is none."""
-    options = search.options
+    options, least = search.options, LEAST_FALL * search.noise
     start = Ellipse(proposal.x, proposal.y, proposal.radius)
     sun = options.sun if options.view is None else sun_at(options.view, start.x, start.y)
-    settled = settle(search.smooth, start, LEAST_FALL * search.noise, sun)
+    settled = settle(search.smooth, start, least, search.black, sun)
     if settled is None:
         return "no limb along the rays"
-    e, seen, light = settled
+    made = _measured(search, *settled, proposal.votes)
+    if isinstance(made, str) or sun is not None:
+        return made
+    wider = all_within(search.smooth, made.ellipse, *settled[1:], least)
+    again = made if wider is None else _measured(search, *wider, proposal.votes)
+    return made if isinstance(again, str) else again
+
+
+def _measured(search: Search, e: Ellipse, seen: Rays, light: Light, votes: int) -> Disk | str:
+    """The disk along an outline that was followed."""
+    options = search.options
     near = seen.good & (np.abs(e.distance(*seen.place.T)[0]) < max(1.5, 0.005 * e.radius))
     expected = seen.inside & lit(seen.theta, light, math.radians(60.0))
     if (near & expected).sum() < MIN_SHARE * max(int(expected.sum()), 1):
@@ -199,7 +209,7 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     if (known := _known(search, e, seen, light, limb)) is not None:
         limb, fitted = known
         e, rms = fitted.ellipse, float(np.sqrt(np.mean(fitted.ellipse.distance(limb.x, limb.y)[0] ** 2)))
-        return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, proposal.votes)
+        return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, votes)
     if e.radius > FINE_RADIUS and lit_px > FINE_DEPTH and (again := _finest(search, e, seen, light)) is not None:
         limb, fitted = again[0]._replace(blur=limb.blur), again[1]
         e, rms = fitted.ellipse, float(np.sqrt(np.mean(fitted.ellipse.distance(limb.x, limb.y)[0] ** 2)))
@@ -207,7 +217,7 @@ def measure(search: Search, proposal: Proposal) -> Disk | str:
     model = np.hypot(limb.common, SECTOR_PX * (7.0 / lit_px) ** 2)
     shared = np.sqrt(np.bincount(limb.sector)[limb.sector]) * model[limb.sector]
     limb = limb._replace(sigma=np.hypot(limb.sigma * fitted.scale, shared))
-    return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, proposal.votes)
+    return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, votes)
 
 
 def _known(search: Search, e: Ellipse, seen: Rays, light: Light, limb: Limb) -> tuple[Limb, Outline] | None:
