@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from messages.base import Message, Vec3
+from messages.base import Message, NanOk, Vec3
 
 
 class AttRefMsg(Message):
@@ -22,3 +22,19 @@ class AttGuidMsg(Message):
     omega_BR_B: Annotated[Vec3, "rad/s", "angular velocity of B relative to R, B components"]
     omega_RN_B: Annotated[Vec3, "rad/s", "angular velocity of R relative to N, B components"]
     domega_RN_B: Annotated[Vec3, "rad/s^2", "inertial derivative of the angular velocity of R, B components"]
+
+
+class SunDirectionMsg(Message):
+    """Direction of the Sun. If not ``valid``, it is NaN."""
+
+    valid: Annotated[bool, "-", "the Sun was seen"]
+    u_SB_B: Annotated[Vec3, "-", "unit vector to the Sun, B components", NanOk()]
+
+
+class TargetViewMsg(Message):
+    """How a spacecraft sees a place on the ground."""
+
+    visible: Annotated[bool, "-", "the place is above the least elevation"]
+    elevation: Annotated[float, "rad", "of the spacecraft above the horizon of the place, ellipsoidal"]
+    range: Annotated[float, "m", "distance from the spacecraft to the place"]
+    off_nadir: Annotated[float, "rad", "angle between the line of sight and the centre of the Earth"]

@@ -27,6 +27,7 @@ from messages.base import F64, Field, fields_of
 from modules.control.b_dot import BDot
 from modules.control.magnetic_momentum_dump import MagneticMomentumDump
 from modules.control.wheel_torque_map import WheelTorqueMap
+from modules.guidance.ground_target_point import GroundTargetPoint
 from sim.actuators.magnetic_torquers import MagneticTorquers
 from sim.actuators.reaction_wheels import ReactionWheels
 from sim.camera.landmark_oracle import LandmarkOracle
@@ -48,6 +49,7 @@ THREE = {"axes": np.eye(8, 3), "limit": np.array([0.1, 0.1, 0.1, 0.0, 0.0, 0.0, 
 """Three actuators along the axes of the body."""
 PARAMS |= {
     "WheelTorqueMap.Params": lambda: WheelTorqueMap.Params(wheel_axes_B=THREE["axes"], max_torque=THREE["limit"]),
+    "GroundTargetPoint.Params": lambda: GroundTargetPoint.Params(lat=0.8, lon=0.1, stop_below=False),
     "BDot.Params": lambda: BDot.Params(torquer_axes_B=THREE["axes"], max_dipole=THREE["limit"]),
     "MagneticMomentumDump.Params": lambda: MagneticMomentumDump.Params(
         wheel_axes_B=THREE["axes"],
