@@ -345,7 +345,7 @@ def _nees(e: F64, P: F64) -> float:
     """Mean normalised square of errors (M, 6); NaN where a covariance is none (Basilisk's may be)."""
     try:
         white = np.asarray(np.linalg.solve(P, e[..., None]), np.float64)
-        return float(np.mean(np.sum(e * white[..., 0], axis=1)))
+        return float(np.vdot(e, white[..., 0])) / len(e)
     except np.linalg.LinAlgError:
         return math.nan
 
