@@ -217,15 +217,17 @@ def nis(innovations: F64, S: F64, level: float = 0.95, missing: Missing = "refus
 
 
 def _consistency(name: str, vectors: F64, P: F64, level: float, missing: Missing, white: bool) -> Consistency:
-    values = np.sum(whitened(vectors, P, name, missing) ** 2, axis=-1)
+    values: F64 = np.sum(whitened(vectors, P, name, missing) ** 2, axis=-1)
     n, known = np.shape(vectors)[-1], np.isfinite(values)
     counted = np.count_nonzero(known, axis=0)
     mean, low, high = np.full((3, len(counted)), np.nan)
     for k in np.flatnonzero(counted):
         mean[k] = np.mean(values[known[:, k], k])
         low[k], high[k] = band(n, int(counted[k]), level)
-    total_low, total_high = band(n, int(np.count_nonzero(known if white else np.any(known, axis=1))), level)
-    total, lost = float(np.mean(values[known])), int(known.size - np.count_nonzero(known))
+    independent = np.count_nonzero(known) if white else np.count_nonzero(np.any(known, axis=1))
+    total_low, total_high = band(n, int(independent), level)
+    used: F64 = values[known]
+    total, lost = float(np.mean(used)), known.size - used.size
     return Consistency(
         name, values, n, level, mean, low, high, counted.astype(np.int64), total, total_low, total_high, lost
     )
