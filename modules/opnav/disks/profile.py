@@ -63,6 +63,9 @@ HELD = 1e9
 EVIDENCE = 3.0
 """Logarithm of the odds at which more laws are taken in."""
 LEAST_GAIN = 0.003
+LEAST_CELLS = 12
+LEAST_INWARD = 0.001
+INWARD_PX = 5.0
 BLUR_RANGE = 0.35, 4.0
 FREE = 1e-12
 
@@ -77,6 +80,8 @@ class Unknown(NamedTuple):
     """(L,)"""
     bright: F64
     """(NODES,)"""
+    inward: F64
+    """(NODES,) how brightness changes over `INWARD_PX`, as a part of it."""
     gain: F64
     """(cells,) factor on the brightness, less one."""
     shift: F64
@@ -107,7 +112,7 @@ class Problem:
         self.band, self.noise, self.height, self.view = band, noise, height, view
         self.dark = float((band.value <= 0.0).mean()) > CLIPPED
         self.top = top if float(band.value.max()) >= top else math.inf
-        self.gain_sd, self.shift_sd = 0.01, 0.0
+        self.gain_sd, self.shift_sd, self.inward_sd = 0.01, 0.0, 0.02
         self.noises = (noise**2, 0.0)
         self.move(e)
         self.light(e)
@@ -152,7 +157,7 @@ class Problem:
         none = np.zeros(band.cells)
         blur = float(np.clip(blur, *BLUR_RANGE))
         bright = np.full(NODES, self.height)
-        return Unknown(np.array([sky, 0.0, 0.0]), blur, SHARES[:BASE], bright, none, none)
+        return Unknown(np.array([sky, 0.0, 0.0]), blur, SHARES[:BASE], bright, np.zeros(NODES), none, none)
 
     def tables(self, u: Unknown) -> F64:
         """For `look_up`: the shares change the light without making all of it brighter."""
@@ -170,21 +175,27 @@ class Problem:
         """Normal equations about some values."""
         cell = self.band.cell
         d = self.d - u.shift[cell]
+        next_node = (self.node + 1) % NODES
         shapes = np.empty((3 + len(u.share), len(d)))
         look_up(self.tables(u), LOW, GRID, self.place, d, shapes)
-        bright = (1.0 - self.part) * u.bright[self.node] + self.part * u.bright[(self.node + 1) % NODES]
+        bright = (1.0 - self.part) * u.bright[self.node] + self.part * u.bright[next_node]
         bright = bright * (1.0 + u.gain[cell])
+        slope = (1.0 - self.part) * u.inward[self.node] + self.part * u.inward[next_node]
+        depth = np.maximum(-d, 0.0) / INWARD_PX
+        inward = shapes[0] * depth * bright
+        shapes[1] -= np.where(d < 0.0, shapes[0] * slope / INWARD_PX / (1.0 + slope * depth), 0.0)
+        shapes *= 1.0 + slope * depth
         mean = u.sky[0] + self.way @ u.sky[1:] + bright * shapes[0]
         variance = self.noises[0] + self.noises[1] * np.maximum(bright * shapes[0], 0.0)
         residual, share = self.band.value - mean, np.ones_like(mean)
         if self.dark:
             clip(mean, variance, self.band.value, residual, share)
         weight = self.weights(shapes, bright, mean, residual, variance * share)
-        p, cells = CURVE + SKY + 1 + len(u.share) + NODES, self.band.cells
+        p, cells = CURVE + SKY + 1 + len(u.share) + 2 * NODES, self.band.cells
         A, b = np.zeros((p, p)), np.zeros(p)
         K, k, V = np.zeros((cells, 3)), np.zeros((cells, 2)), np.zeros((cells, 2, p))
         where = self.rows, self.way, self.node, self.part
-        gather(shapes, *where, bright, u.blur, cell, residual, weight, A, b, K, k, V)
+        gather(shapes, *where, bright, inward, u.blur, cell, residual, weight, A, b, K, k, V)
         return Normal(A, b, K, k, V, shapes, bright, residual, weight, share)
 
     def weights(self, shapes: F64, bright: F64, mean: F64, residual: F64, variance: F64) -> F64:
@@ -196,10 +207,22 @@ class Problem:
             fits &= mean < self.top - SATURATED * np.sqrt(variance)
         return np.where(fits, 1.0 / variance, 0.0)
 
-    def learn_noise(self, n: Normal) -> None:
-        """Variance of a pixel: even noise, and a part that grows with the light (shot noise)."""
-        used = n.weight > 0.0
-        light, square = np.maximum(n.bright * n.shapes[0], 0.0)[used], (n.residual**2 / n.share)[used]
+    def learn(self, u: Unknown, n: Normal, cells: bool) -> None:
+        """Estimate the variances: of the pixels, and of the cells' factors and shifts by their moments less noise's."""
+        K = n.K
+        det = K[:, 0] * K[:, 2] - K[:, 1] ** 2
+        some = (det > 1e-6 * K[:, 0] * K[:, 2]) & (K[:, 0] > 0.0)
+        det = np.where(some, det, 1.0)
+        gain = np.where(some, (K[:, 2] * n.k[:, 0] - K[:, 1] * n.k[:, 1]) / det, 0.0)
+        shift = np.where(some, (K[:, 0] * n.k[:, 1] - K[:, 1] * n.k[:, 0]) / det, 0.0)
+        if cells and some.sum() >= LEAST_CELLS:
+            self.gain_sd = max(_beyond_noise((u.gain + gain)[some], (K[:, 2] / det)[some]), LEAST_GAIN)
+            self.shift_sd = _beyond_noise((u.shift + shift)[some], (K[:, 0] / det)[some])
+        # Noise is what is left beside the cells' own factors and shifts
+        used, cell = n.weight > 0.0, self.band.cell
+        left = n.residual - n.bright * (gain[cell] * n.shapes[0] - shift[cell] * n.shapes[1])
+        freedom = max(1.0 - 2.0 * float(some.sum()) / max(int(used.sum()), 1), 0.2)
+        light, square = np.maximum(n.bright * n.shapes[0], 0.0)[used], (left**2 / n.share)[used] / freedom
         w = n.weight[used] ** 2
         rows = np.stack([np.ones_like(light), light])
         even, per = np.linalg.solve((rows * w) @ rows.T + FREE * np.eye(2) * w.sum(), (rows * w) @ square)
@@ -209,18 +232,15 @@ class Problem:
             even, per = float(np.average(square, weights=w)), 0.0
         self.noises = (max(float(even), 0.02 * float(square.mean()), 1e-12), float(per))
 
-    def learn_cells(self, u: Unknown, n: Normal) -> None:
-        """Variances of the cells' factors and shifts, by their moments less those of noise."""
-        K = n.K
-        det = K[:, 0] * K[:, 2] - K[:, 1] ** 2
-        some = (det > 1e-6 * K[:, 0] * K[:, 2]) & (K[:, 0] > 0.0)
-        if some.sum() < 12:
+    def learn_inward(self, u: Unknown, P: F64) -> None:
+        """Variance of the brightness' change inward, from its values and their covariance with it as it was."""
+        part = 1.0 - np.diag(P)[-NODES:] * self.inward_sd**-2.0
+        some = part > 0.02
+        if some.sum() < 4:
             return
-        K, det, k = K[some], det[some], n.k[some]
-        gain = u.gain[some] + (K[:, 2] * k[:, 0] - K[:, 1] * k[:, 1]) / det
-        shift = u.shift[some] + (K[:, 0] * k[:, 1] - K[:, 1] * k[:, 0]) / det
-        self.gain_sd = max(_beyond_noise(gain, K[:, 2] / det), LEAST_GAIN)
-        self.shift_sd = _beyond_noise(shift, K[:, 0] / det)
+        values, variance = (u.inward / np.maximum(part, 0.02))[some], self.inward_sd**2 * (1.0 / part[some] - 1.0)
+        found = _beyond_noise(values, variance)
+        self.inward_sd = max(math.sqrt(0.5 * (found**2 + self.inward_sd**2)), LEAST_INWARD)
 
     def reduced(self, u: Unknown, n: Normal) -> tuple[F64, F64, F64]:
         """Normal equations without the cells' own unknowns, and the cells' right sides with what is expected."""
@@ -253,12 +273,13 @@ class Problem:
         most = min(1.0, 1.0 / max(float(np.abs(self.rows @ step[:CURVE]).max()), 1e-9))
         self.move(Ellipse(*(np.array(self.e) + most * step[:CURVE] * self.unit)))
         most_share = 0.5 if L == BASE else SHARE_STEP
-        bright = u.bright + step[at + L :]
+        bright = u.bright + step[at + L : at + L + NODES]
         made = Unknown(
             u.sky + step[CURVE : CURVE + SKY],
             float(np.clip(u.blur * math.exp(np.clip(step[CURVE + SKY], -0.3, 0.3)), *BLUR_RANGE)),
             u.share + np.clip(step[at : at + L], -most_share, most_share),
             np.maximum(bright, 0.05 * float(np.median(bright))),
+            np.clip(u.inward + step[at + L + NODES :], -0.6, 2.0),
             np.clip(u.gain + cells[:, 0], -0.9, 4.0),
             np.clip(u.shift + np.clip(cells[:, 1], -0.7, 0.7), -3.0, 3.0),
         )
@@ -268,9 +289,11 @@ class Problem:
         """Information (p, p) before any pixel is seen, and its pull (p,) from the present values."""
         laws = len(u.share)
         share = CURVE + SKY + 1
-        info = np.zeros((share + laws + NODES,) * 2)
+        info = np.zeros((share + laws + 2 * NODES,) * 2)
         oval = np.array([self.e.oval_x, self.e.oval_y]) - round_ovals(self.view, self.e)
-        at = np.concatenate([np.zeros(3), oval * self.e.radius, u.sky, [0.0], u.share - SHARES[:laws], u.bright])
+        at = np.concatenate(
+            [np.zeros(3), oval * self.e.radius, u.sky, [0.0], u.share - SHARES[:laws], u.bright, u.inward]
+        )
         d = np.arange(len(info))
         info[d, d] = FREE / self.noises[0]
         info[[3, 4], [3, 4]] = (OVAL_PRIOR * self.e.radius) ** -2.0
@@ -278,7 +301,9 @@ class Problem:
         info[share - 1, share - 1] = 1.0
         info[d[share : share + laws], d[share : share + laws]] = SHARE_PRIOR[:laws] ** -2.0
         # Brightness differs from its mean, which is not known
-        info[share + laws :, share + laws :] += (np.eye(NODES) - 1.0 / NODES) * (BRIGHT_PRIOR * self.height) ** -2.0
+        bright = slice(share + laws, share + laws + NODES)
+        info[bright, bright] += (np.eye(NODES) - 1.0 / NODES) * (BRIGHT_PRIOR * self.height) ** -2.0
+        info[d[-NODES:], d[-NODES:]] = self.inward_sd**-2.0
         pull = -info @ at
         if held:
             held_at = d[share - 1 : share + laws]
@@ -386,17 +411,17 @@ def _iterate(problem: Problem, u: Unknown, learn: bool) -> tuple[Unknown, F64] |
     for k in range(ROUNDS):
         n = problem.normal(u)
         if learn and k >= 2:
-            problem.learn_noise(n)
-        if learn and k >= 3:
-            problem.learn_cells(u, n)
+            problem.learn(u, n, k >= 3)
         u, step, P = problem.solve(u, n, learn and k == 0)
+        if learn and k >= 2:
+            problem.learn_inward(u, P)
         if not (np.isfinite(step).all() and float(np.abs(problem.d - begin).max()) < FAR_PX):
             return None
         if _apart(problem.e, problem.lit_for) > LIGHT_PX:
             problem.light(problem.e)
         if k >= 4 and bool((np.abs(step[:CURVE]) < SETTLED * np.sqrt(np.maximum(np.diag(P)[:CURVE], 0.0))).all()):
             return u, P
-    return u, P
+    return (u, P) if learn else None
 
 
 def _apart(a: Ellipse, b: Ellipse) -> float:

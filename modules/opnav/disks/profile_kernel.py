@@ -12,7 +12,8 @@ from messages.base import F64
 
 I64 = NDArray[np.int64]
 CURVE, SKY = 5, 3
-"""Unknowns of the curve and of the sky; then come the blur, the shares of the laws, and the brightness at the nodes."""
+"""Unknowns of the curve and of the sky; then come the blur, the shares of the laws, and at
+the nodes the brightness and how it changes inward."""
 
 
 @compiled
@@ -59,6 +60,7 @@ def gather(
     node: I64,
     part: F64,
     bright: F64,
+    inward: F64,
     blur: float,
     cell: I64,
     residual: F64,
@@ -76,7 +78,7 @@ def gather(
         rows: (n, 5) shift of the curve by its unknowns.
         way: (n, 2) cosine and sine of the azimuth.
         node: (n,) first of the two nodes of brightness next to a pixel. part: (n,) how far on towards the second.
-        bright: (n,) brightness at the pixel, that of its cell.
+        bright: (n,) brightness at the pixel, that of its cell. inward: (n,) light times depth.
         blur: of the model.
         cell: (n,). residual: (n,). weight: (n,).
         A: (p, p) and b: (p,), zero before: of what is common.
@@ -85,7 +87,9 @@ def gather(
     n = residual.shape[0]
     laws = shapes.shape[0] - 3
     first = CURVE + SKY + 1 + laws
-    nodes = A.shape[0] - first
+    nodes = (A.shape[0] - first) // 2
+    at = np.empty(4, np.int64)
+    much = np.empty(4)
     value = np.empty(first)
     for i in range(n):
         w, r = weight[i], residual[i]
@@ -98,10 +102,11 @@ def gather(
         value[CURVE + SKY] = bright[i] * blur * shapes[2, i]
         for q in range(laws):
             value[CURVE + SKY + 1 + q] = bright[i] * shapes[3 + q, i]
-        here = (1.0 - part[i]) * shapes[0, i]
-        there = part[i] * shapes[0, i]
-        m0 = first + node[i]
-        m1 = first + (node[i] + 1) % nodes
+        at[0] = first + node[i]
+        at[1] = first + (node[i] + 1) % nodes
+        at[2], at[3] = at[0] + nodes, at[1] + nodes
+        much[0], much[1] = (1.0 - part[i]) * shapes[0, i], part[i] * shapes[0, i]
+        much[2], much[3] = (1.0 - part[i]) * inward[i], part[i] * inward[i]
         c = cell[i]
         K[c, 0] += w * gain * gain
         K[c, 1] += w * gain * slope
@@ -114,19 +119,16 @@ def gather(
             b[j] += v * r
             V[c, 0, j] += wg * value[j]
             V[c, 1, j] += ws * value[j]
-            A[m0, j] += v * here
-            A[m1, j] += v * there
+            for m in range(4):
+                A[at[m], j] += v * much[m]
             for q in range(j + 1):
                 A[j, q] += v * value[q]
-        b[m0] += w * here * r
-        b[m1] += w * there * r
-        V[c, 0, m0] += wg * here
-        V[c, 0, m1] += wg * there
-        V[c, 1, m0] += ws * here
-        V[c, 1, m1] += ws * there
-        A[m0, m0] += w * here * here
-        A[m1, m1] += w * there * there
-        A[max(m0, m1), min(m0, m1)] += w * here * there
+        for m in range(4):
+            b[at[m]] += w * much[m] * r
+            V[c, 0, at[m]] += wg * much[m]
+            V[c, 1, at[m]] += ws * much[m]
+            for q in range(m + 1):
+                A[max(at[m], at[q]), min(at[m], at[q])] += w * much[m] * much[q]
     for j in range(A.shape[0]):
         for q in range(j):
             A[q, j] = A[j, q]
