@@ -13,7 +13,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import closed_loop, dispatch, modules, start
+from benchmarks import closed_loop, dispatch, filters, modules, start
 from benchmarks.timing import Figure, Line
 
 
@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scale", type=float, default=1.0, help="of the number of ticks; 0.01 for a quick trial")
     parser.add_argument("--no-start", action="store_true", help="leave out the starts, which take most of the time")
     parser.add_argument("--quick", action="store_true", help="as --no-start --repeats 3 --scale 0.1")
-    parser.add_argument("--only", choices=("all", "framework", "truth"), default="all", help="which half to measure")
+    parser.add_argument("--only", choices=("all", "framework", "truth", "filters"), default="all", help="which part")
     given = parser.parse_args(arguments)
     if given.quick:
         given.no_start, given.repeats, given.scale = True, 3, 0.1
@@ -82,7 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
     agreement: dict[str, dict[str, float]] = {}
     differences: list[modules.Difference] = []
     with console.status("") as status:
-        if given.only != "truth":
+        if given.only in ("all", "framework"):
             status.update("dispatch")
             lines += dispatch.measure(given.repeats, given.scale, basilisk=basilisk)
             status.update("closed loop")
@@ -91,13 +91,16 @@ def main(arguments: list[str] | None = None) -> int:
                 status.update("do both sides compute the same?")
                 point = msgspec.structs.replace(closed_loop.same_case(), j2=0.0)
                 agreement = {"with J2": closed_loop.agreement(), "without J2": closed_loop.agreement(case=point)}
-        if given.only != "framework":
+        if given.only in ("all", "truth"):
             status.update("spacecraft, environment and sensors")
             lines += modules.measure(given.repeats, given.scale, basilisk=basilisk)
             if basilisk:
                 status.update("do both sides compute the same?")
                 differences = modules.agreement(min(given.scale, 1.0))
-        if given.only != "truth" and not given.no_start:
+        if given.only in ("all", "filters"):
+            status.update("filters")
+            lines += filters.measure(given.repeats, given.scale, basilisk=basilisk)
+        if given.only in ("all", "framework") and not given.no_start:
             status.update("start")
             lines += start.measure(given.repeats, basilisk=basilisk)
     machine, cores = platform.processor() or platform.machine(), os.cpu_count() or 1

@@ -290,16 +290,16 @@ def test_forms_on_a_linear_problem(criterion: Criterion) -> None:
             now, total, dx = P.copy(), np.zeros(12), np.empty(12)
             for k in order:
                 if m[k]:
-                    code, _ = white_update(now, H[k], z[k] - H[k] @ total, int(m[k]), math.inf, dx)
+                    code, _ = plain(white_update)(now, H[k], z[k] - H[k] @ total, int(m[k]), math.inf, dx)
                     assert code == 0
                     total = total + dx
             found.append((total, now))
         for form in ("batch", "federated"):
             now, dx, what, nis = P.copy(), np.empty(12), np.zeros(7, np.int64), np.full(7, np.nan)
             if form == "batch":
-                code = batch(now, H, z, m, 0.0, what, nis, dx)
+                code = plain(batch)(now, H, z, m, 0.0, what, nis, dx)
             else:
-                code = federated(now, H, z, m, 0.0, shares, what, nis, dx)
+                code = plain(federated)(now, H, z, m, 0.0, shares, what, nis, dx)
             assert code == 0
             found.append((dx, now))
         for dx, now in found:

@@ -156,7 +156,7 @@ def test_outage(criterion: Criterion) -> None:
 
 def test_sensors_of_the_simulation(criterion: Criterion) -> None:
     """Two minutes in sunlight with the truth side: frames, mountings, field, aberration of both sides agree."""
-    early, world, begin = build(3), build(3), minutes(40)
+    early, world, begin = build(3), build(3), minutes(26)
     early.sim.run_until(begin)
     start, truth = world.spacecraft, early.spacecraft.out_state.latest()
     assert truth is not None
