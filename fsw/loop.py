@@ -2,8 +2,8 @@
 
 Tables (int64), built by `fsw.simulation`:
 
-    tasks[i]   next instant, period, first slot, first slot of the next task; of the period's fraction of a ns:
-               sum so far, numerator, denominator
+    tasks[i]   next instant, slot behind its last (its first while it is disabled), of the period's fraction of a ns:
+               sum so far; period, first slot; of the fraction: numerator, denominator
     slots[j]   function address (0: Python), address of its row addresses, first check, first recording, watched,
                wall ns, calls
     checks[k]  row address, greatest age, stop on violation, violations
@@ -23,7 +23,7 @@ DONE, PYTHON, FAILED, STALE, FULL, WATCHED, PAUSE = range(7)
 WIDTHS = (7, 7, 4, 10)
 """Columns of tasks, slots, checks, records."""
 
-NEXT, PERIOD, FIRST, LAST, CARRY, PART, WHOLE = range(7)
+NEXT, LAST, CARRY, PERIOD, FIRST, PART, WHOLE = range(7)
 FUNCTION, ROWS, CHECK, RECORD, WATCH, WALL, CALLS = range(7)
 C_ROW, C_AGE, C_STOP, C_COUNT = range(4)
 R_ROW, R_SIZE, R_BUFFER, R_CAPACITY, R_COUNT, R_SEQ, R_EVERY, R_DUE, R_CHANGE, R_FIRST = range(10)

@@ -183,6 +183,17 @@ class Simulation:
         self.t_ns = tables.now[loop.INSTANT]
         return self.t_ns
 
+    def enable(self, task: Task, on: bool) -> None:
+        """Let a task run, or not, from its next instant on; from this one if a module that runs before it calls.
+
+        Instants stay on the task's grid, outputs keep their last values, and snapshots include what is enabled.
+
+        Raises:
+            ValueError: if the task is not of this simulation.
+        """
+        row = self._prepare().tasks[self.tasks.index(task)]
+        row[loop.LAST] = row[loop.FIRST] + (len(task.modules) if on else 0)
+
     def _advance(self, tables: Tables, until: int, instants: int, stop: Stop | None) -> bool:
         """Run; True if the stop condition or the number of instants ended it."""
         runs_on, stale_before = tables.runs_on, tables.checks[:, loop.C_COUNT].copy()

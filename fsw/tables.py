@@ -38,9 +38,9 @@ class Tables:
         self.modules: list[Module] = [m for t in tasks for m in t.modules]
         n = len(self.modules)
         ends = np.cumsum([0] + [len(t.modules) for t in tasks])
-        periods = [Fraction(t.period) for t in tasks]
-        parts = [(0, p.numerator % p.denominator, p.denominator) for p in periods]
-        rows = [(t.phase, periods[i] // 1, ends[i], ends[i + 1], *parts[i]) for i, t in enumerate(tasks)]
+        timed = [(t, Fraction(t.period), i) for i, t in enumerate(tasks)]
+        begins = [(t.phase, ends[i + 1], 0, p // 1, ends[i]) for t, p, i in timed]
+        rows = [(*b, p.numerator % p.denominator, p.denominator) for b, (_, p, _) in zip(begins, timed, strict=True)]
         self.tasks: I64 = np.array(rows, np.int64)
         self.slots: I64 = np.zeros((n + 1, loop.WIDTHS[1]), np.int64)
         self.cursor: I64 = np.array([-1, -1, -1, loop.BEFORE, 0, 0], np.int64)
@@ -82,8 +82,8 @@ class Tables:
 
     @property
     def times(self) -> I64:
-        """View of what a run changes in `tasks`: next instants and sums of fractions, (n, 2)."""
-        return self.tasks[:, loop.NEXT :: loop.CARRY - loop.NEXT]
+        """View of what a run changes in `tasks`: next instants, ends of slots, sums of fractions, (n, 3)."""
+        return self.tasks[:, : loop.PERIOD]
 
     def _function(self, module: KernelModule) -> tuple[int, int]:
         from fsw.compiler import entry_of
