@@ -85,6 +85,30 @@ def test_sigma_covers_the_errors(folder: Path, errors: np.ndarray) -> None:
     assert np.all(length < 3.0 * sigma) and np.all(sigma < 4e3)
 
 
+def filtered(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The filter's positions minus orbit and standard deviations, (n, 3) m: radial, along, normal; photos used (n,)."""
+    with (folder / "track.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    away: list[np.ndarray] = []
+    for row in rows:
+        r, axes = orbit(row["utc"])
+        away.append(axes @ (np.array([float(row[f"r_ecef_{k}_m"]) for k in "xyz"]) - r))
+    sigma = [[float(row[f"sigma_{k}_m"]) for k in ("radial", "along", "cross")] for row in rows]
+    return np.array(away), np.array(sigma), np.array([int(row["photos_used"]) for row in rows])
+
+
+def test_filter_covers_its_error(folder: Path) -> None:
+    """One pass through the filter of pose, lens, mounting and clock; 7.81 is the 95 % point of three errors."""
+    error, sigma, used = filtered(folder)
+    assert used[-1] >= 9 and len(error) > 100
+    assert np.all(np.sum((error / sigma) ** 2, axis=1) < 7.81)
+    assert np.all(np.abs(error) < 2.5 * sigma)
+    # not covered by being vague: hardly more than what lens and mounting inherit from the orbit
+    assert np.all(sigma[-1] < [800.0, 2500.0, 900.0]) and np.all(sigma[-1] <= sigma[0] * 1.05)
+    steps = np.abs(np.diff(error, axis=0))
+    assert np.median(steps) < 50.0  # a track, and not ten fixes
+
+
 def test_attitude_is_repeatable(folder: Path) -> None:
     q = np.array([[float(row[f"q_CO_{k}"]) for k in range(4)] for row in read(folder) if row["valid"] == "1"])
     rotations = Rotation.from_quat(q, scalar_first=True)
@@ -94,7 +118,8 @@ def test_attitude_is_repeatable(folder: Path) -> None:
 
 def test_all_result_files_are_there(folder: Path) -> None:
     names = {p.name for p in folder.iterdir()}
-    assert names == {"fixes.csv", "calibration.json", "errors.png", "ground_track.png", "overlays"}
+    files = {"fixes.csv", "track.csv", "calibration.json", "errors.png", "ground_track.png", "overlays"}
+    assert names == files
     overlays = sorted((folder / "overlays").iterdir())
     assert [p.name for p in overlays] == [f"{p.stem}_overlay.jpg" for p in PHOTOS]
     assert all(cv2.imread(str(p)) is not None for p in [*overlays, folder / "errors.png", folder / "ground_track.png"])

@@ -7,6 +7,8 @@ attitude is (I - [theta x]) dcm_BN, the true mounting (I - [mu x]) dcm_CB.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from fsw.math.compiled import compiled
@@ -51,10 +53,12 @@ def modes(params: Row, estimated: F64, sigma: F64) -> None:
         estimated[i], sigma[i] = 1.0, 0.0
     _group(estimated, sigma, MOUNT, 3, params.mount_mode, params.mount_sigma)
     _group(estimated, sigma, FOCAL, 1, params.focal_mode, params.focal_sigma)
-    _group(estimated, sigma, CENTER, 2, params.center_mode, params.center_sigma)
+    _group(estimated, sigma, CENTER, 1, params.center_mode, params.center_sigma[0])
+    _group(estimated, sigma, CENTER + 1, 1, params.center_mode, params.center_sigma[1])
     _group(estimated, sigma, K1, 1, params.k1_mode, params.k1_sigma)
     _group(estimated, sigma, GPS, 3, params.gps_mode, params.gps_bias_sigma)
-    _group(estimated, sigma, MAP, 3, params.map_mode, params.map_bias_sigma)
+    for i in range(3):
+        _group(estimated, sigma, MAP + i, 1, params.map_mode, math.sqrt(params.map_bias_P[i, i]))
     _group(estimated, sigma, TIME, 1, params.time_mode, params.time_sigma)
 
 

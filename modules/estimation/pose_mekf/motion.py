@@ -148,9 +148,10 @@ def process_noise(dt: float, held: bool, params: Row, sigma: F64, Q: F64) -> Non
         Q[BIAS + i, BIAS + i] = walk * dt
         _, fresh = gauss_markov_factors(dt, params.gps_bias_tau)
         Q[GPS + i, GPS + i] = (sigma[GPS + i] * fresh) ** 2
-        if params.map_bias_tau > 0.0:
+        if params.map_bias_tau > 0.0 and sigma[MAP + i] > 0.0:
             _, fresh = gauss_markov_factors(dt, params.map_bias_tau)
-            Q[MAP + i, MAP + i] = (sigma[MAP + i] * fresh) ** 2
+            for j in range(3):
+                Q[MAP + i, MAP + j] = params.map_bias_P[i, j] * fresh * fresh
 
 
 @compiled

@@ -9,12 +9,13 @@ import numpy as np
 from fsw import Bound, Mat3, Record, Shape, Vec3, eye, zeros
 from fsw.math.checks import require_rotation
 from fsw.math.gravity import J2_EARTH, MU_EARTH, RADIUS_EARTH
-from messages.base import F64
+from messages.base import F64, Vec2, ones
 from modules.estimation.pose_mekf.layout import CORE
 from modules.estimation.relative_od_ukf.kernel import require_covariance
 
 _ZONALS = np.array([J2_EARTH, 0.0, 0.0, 0.0, 0.0])
 _STAR = np.array([4.85e-5, 4.85e-5, 2.91e-4])
+_MAP = 25.0 * np.eye(3)
 _LOST = np.array([2e4, 30.0, 0.1])
 
 
@@ -61,14 +62,14 @@ class PoseMekfParams(Record):
     focal_mode: Annotated[int, "-", "relative focal length: as above", Bound(ge=0, le=2)] = 0
     focal_sigma: Annotated[float, "-", "its standard deviation", Bound(gt=0)] = 1e-3
     center_mode: Annotated[int, "-", "principal point: as above", Bound(ge=0, le=2)] = 0
-    center_sigma: Annotated[float, "px", "of each coordinate", Bound(gt=0)] = 1.0
+    center_sigma: Annotated[Vec2, "px", "of column and row", Bound(gt=0)] = ones(2)
     k1_mode: Annotated[int, "-", "distortion k1: as above", Bound(ge=0, le=2)] = 0
     k1_sigma: Annotated[float, "-", "its standard deviation", Bound(gt=0)] = 1e-2
     gps_mode: Annotated[int, "-", "Gauss-Markov bias of the receiver (E): as above", Bound(ge=0, le=2)] = 0
     gps_bias_sigma: Annotated[float, "m", "of each coordinate", Bound(gt=0)] = 3.0
     gps_bias_tau: Annotated[float, "s", "its time constant", Bound(gt=0)] = 300.0
     map_mode: Annotated[int, "-", "error that all places share (E): as above", Bound(ge=0, le=2)] = 0
-    map_bias_sigma: Annotated[float, "m", "of each coordinate", Bound(gt=0)] = 5.0
+    map_bias_P: Annotated[Mat3, "m^2", "its covariance"] = _MAP
     map_bias_tau: Annotated[float, "s", "its time constant; 0: it is constant", Bound(ge=0)] = 0.0
     time_mode: Annotated[int, "-", "exposure after its stamp: as above", Bound(ge=0, le=2)] = 0
     time_sigma: Annotated[float, "s", "its standard deviation", Bound(gt=0)] = 1e-3
@@ -85,5 +86,6 @@ class PoseMekfParams(Record):
         """Check covariance and mountings too."""
         super().__post_init__()
         require_covariance(self, "P", definite=True)
+        require_covariance(self, "map_bias_P", definite=False)
         require_rotation(self, "dcm_PB")
         require_rotation(self, "dcm_SB")

@@ -16,6 +16,7 @@ from modules.estimation.pose_mekf.layout import (
     BIAS,
     CORE,
     ESTIMATE,
+    MAP,
     MOUNT,
     SIZE,
     THETA,
@@ -30,13 +31,17 @@ from modules.opnav.relative import orientation_at
 
 
 @compiled
-def reset_nuisance(x: F64, P: F64, sigma: F64) -> None:
-    """Nuisance states as at the start: zero, of standard deviations (26,), without correlation."""
+def reset_nuisance(x: F64, P: F64, params: Row, sigma: F64) -> None:
+    """Nuisance states as at the start: zero, of standard deviations (26,), correlated only within the map's error."""
     for i in range(CORE, SIZE):
         x[X_NUISANCE + i - CORE] = 0.0
         for j in range(SIZE):
             P[i, j] = P[j, i] = 0.0
         P[i, i] = sigma[i] * sigma[i]
+    for i in range(3):
+        for j in range(3):
+            if sigma[MAP + i] > 0.0 and sigma[MAP + j] > 0.0:
+                P[MAP + i, MAP + j] = params.map_bias_P[i, j]
 
 
 @compiled
@@ -51,7 +56,7 @@ def begin(state: Row, params: Row, sigma: F64) -> None:
     for i in range(CORE):
         for j in range(CORE):
             state.P[i, j] = params.P[i, j]
-    reset_nuisance(state.x, state.P, sigma)
+    reset_nuisance(state.x, state.P, params, sigma)
     state.time_ns = state.gyro_ns = params.start_ns
     state.lost = params.start_lost
     state.started = True
@@ -68,7 +73,7 @@ def lose(x: F64, P: F64, params: Row, sigma: F64) -> None:
             P[i, i] = wide * wide
         else:
             P[i, i] = params.P[i, i]
-    reset_nuisance(x, P, sigma)
+    reset_nuisance(x, P, params, sigma)
 
 
 @compiled

@@ -105,7 +105,8 @@ def use_image(
     out.nis, out.freedom = nis, 2 * kept
     if code != OK:
         return status.FAILED_UPDATE
-    if nis > limit(2.0 * kept, params.gate):
+    # far from the truth the image is no linear function of the error, so only the landmarks that agree can tell
+    if nis > limit(2.0 * kept, params.gate) and not search:
         return status.GATED
     code, _ = solve(P, rows, count, weight, dx, estimated, H, K, dx)
     if code == OK:

@@ -19,6 +19,7 @@ from fsw.imaging.maps import GeoMap
 from messages.base import F64
 from sim.scenarios.iss_photos.inputs import Inputs
 from sim.scenarios.iss_photos.results import Fix, Results, Summary
+from sim.scenarios.iss_photos.track import Track
 
 CV: Any = cv2
 erfa: Any = _erfa
@@ -50,14 +51,25 @@ def errors_plot(path: Path, results: Results) -> None:
             t, error[:, k], total[:, k], fmt="none", ecolor="C0", alpha=0.35, capsize=3, label="sigma, all of it"
         )
         axis.errorbar(t, error[:, k], own[:, k], fmt="o", color="C0", elinewidth=2.5, label="fix, its own sigma")
+        if results.track is not None:
+            _band(axis, k, results.track, good[0].t_s)
         _label(axis, k, summary)
-    axes[0].legend(ncols=2, fontsize="small", loc="upper right")
+    axes[0].legend(ncols=3, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.1))
     assert good[0].utc is not None
     axes[2].set_xlabel(f"time after {good[0].utc:%Y-%m-%d %H:%M:%S} UTC, s")
     figure.suptitle("Position from photos minus approximate orbit")
     figure.text(0.5, -0.005, _CAPTION, ha="center", va="top", fontsize="small")
     figure.savefig(path, dpi=130, bbox_inches="tight")
     PLT.close(figure)
+
+
+def _band(axis: Any, k: int, track: Track, start_s: float) -> None:
+    """The filter of the whole pass, with one sigma."""
+    t = np.array([p.t_s for p in track.points]) - start_s
+    error = np.array([p.error_H[k] for p in track.points]) / 1e3
+    sigma = np.array([p.sigma_H[k] for p in track.points]) / 1e3
+    axis.fill_between(t, error - sigma, error + sigma, color="C2", alpha=0.15, linewidth=0.0, label="filter, sigma")
+    axis.plot(t, error, color="C2", linewidth=1.5, label="filter of the whole pass")
 
 
 def _label(axis: Any, k: int, summary: Summary) -> None:

@@ -18,6 +18,7 @@ from modules.estimation.rotations import beta_from_dcm, dcm_from_beta, mean_dcm,
 from sim.camera.photo_player import Cadence
 from sim.scenarios.iss_photos.graph import Run
 from sim.scenarios.iss_photos.inputs import Inputs
+from sim.scenarios.iss_photos.track import Track, filter_track, landmarks_at
 
 
 class Fix(msgspec.Struct, kw_only=True):
@@ -75,10 +76,11 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Results(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything a run found out."""
+    """Everything a run found out; ``track`` is of the filter of the whole pass."""
 
     fixes: list[Fix]
     summary: Summary | None
+    track: Track | None
     camera: CameraConfigMsg
     accuracy: CameraAccuracyMsg | None
     clock: OrbitClockMsg | None
@@ -127,6 +129,19 @@ def summarise(fixes: list[Fix]) -> Summary | None:
     )
 
 
+def _track(inputs: Inputs, run: Run, fixes: list[Fix], seen: dict[int, Any]) -> Track | None:
+    """The landmarks of the valid fixes through the track filter, or None if there are none."""
+    pairs = [(f, seen[p.exposure_ns]) for f, p in zip(fixes, inputs.played, strict=False) if f.valid]
+    accuracy, clock = run.estimator.out_accuracy.latest() or inputs.accuracy, run.estimator.out_clock.latest()
+    marks = [landmarks_at(row, round(f.t_s * 1e9)) for f, row in pairs if f.t_s is not None]
+    first = min((f for f, _ in pairs if f.t_s is not None), key=lambda f: f.t_s or 0.0, default=None)
+    if first is None or first.r_CE_E is None or accuracy is None:
+        return None
+    sigma_time = 0.0 if clock is None else float(np.sqrt(clock.P[4, 4]))
+    camera = run.estimator.out_camera.latest() or inputs.camera
+    return filter_track(marks, first.r_CE_E, run.prior.orbit, camera, accuracy, sigma_time)
+
+
 def collect(inputs: Inputs, run: Run) -> Results:
     """Results of a finished run; ``accuracy`` is None if no photo gave a valid fix and nothing was known before."""
     camera = run.estimator.out_camera.latest() or inputs.camera
@@ -145,10 +160,12 @@ def collect(inputs: Inputs, run: Run) -> Results:
         else:
             fix.reason = "was not looked at" if row is None else STATUS_TEXT[FixStatus(int(row["status"]))]
         fixes.append(fix)
+    track = _track(inputs, run, fixes, seen)
     fixes += [Fix(path=Path(path), utc=None, reason=reason) for path, reason in inputs.refused.items()]
     return Results(
         fixes=fixes,
         summary=summarise(fixes),
+        track=track,
         camera=camera,
         accuracy=accuracy,
         clock=clock,

@@ -25,7 +25,7 @@ from sim.scenarios.iss_photos.plots import errors_plot, ground_track_plot
 from sim.scenarios.iss_photos.report import LIMITS, shift_table, show
 from sim.scenarios.iss_photos.results import Results, collect, tuned_cadence
 from sim.scenarios.iss_photos.shift import ShiftRow, shift_study
-from sim.scenarios.iss_photos.writing import fixes_csv, output_folder
+from sim.scenarios.iss_photos.writing import fixes_csv, output_folder, track_csv
 
 _ENOUGH = 2
 _WIDTH = 118
@@ -65,6 +65,8 @@ def locate(inputs: Inputs, ticker: Ticker) -> Run:
 def write_results(folder: Path, inputs: Inputs, results: Results, shifts: list[ShiftRow]) -> None:
     """Write all result files."""
     (folder / "fixes.csv").write_text(fixes_csv(results.fixes), encoding="utf-8")
+    if results.track is not None:
+        (folder / "track.csv").write_text(track_csv(results.track, inputs.epoch), encoding="utf-8")
     if results.accuracy is not None:
         cadence = tuned_cadence(inputs.times.cadence, results.clock)
         (folder / "calibration.json").write_bytes(calibration_json(results.camera, results.accuracy, cadence, LIMITS))

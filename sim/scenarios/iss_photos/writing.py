@@ -9,11 +9,12 @@ import os
 import shutil
 import tempfile
 from collections.abc import Generator, Sequence
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from sim.scenarios.iss_photos.camera_file import BadInputError
 from sim.scenarios.iss_photos.results import Fix
+from sim.scenarios.iss_photos.track import Track
 
 COLUMNS = (
     "file",
@@ -29,6 +30,13 @@ COLUMNS = (
     "q_CO_2",
     "q_CO_3",
     "reason",
+)
+TRACK_COLUMNS = (
+    "utc",
+    *(f"r_ecef_{k}_m" for k in "xyz"),
+    *(f"sigma_{k}_m" for k in ("radial", "along", "cross")),
+    *(f"minus_orbit_{k}_m" for k in ("radial", "along", "cross")),
+    "photos_used",
 )
 
 
@@ -108,4 +116,16 @@ def fixes_csv(fixes: Sequence[Fix]) -> str:
                 fix.reason,
             ]
         )
+    return text.getvalue()
+
+
+def track_csv(track: Track, epoch: datetime) -> str:
+    """The filter's positions, second by second, with standard deviations and the difference from the orbit."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(TRACK_COLUMNS)
+    for point in track.points:
+        numbers = [*point.r_BE_E, *point.sigma_H, *point.error_H]
+        utc = utc_text(epoch + timedelta(seconds=point.t_s))
+        writer.writerow([utc, *[f"{x:.1f}" for x in numbers], point.images])
     return text.getvalue()

@@ -192,8 +192,10 @@ class Setup:
 
     Attributes:
         star, gps: periods of their measurements [s], 0 for none. sigma_px: noise. sigma_map: random error of places.
-        outliers: share. outage: GPS is silent between these times. delay: of images [s]. params: of the filter.
-        nuisance: names of the nuisance states whose errors are drawn.
+        outliers: share, anywhere in the image, or by a normal error of wrong_px. outage, silence: times between which
+        GPS and gyro say nothing. delay: of images [s]. row_time: of a rolling shutter. draw_pixels: add
+        noise to pixels. nuisance: names of the nuisance
+        states whose errors are drawn. params: of the filter.
     """
 
     star: int = 0
@@ -203,8 +205,10 @@ class Setup:
     outliers: float = 0.0
     wrong_px: float = 0.0
     outage: tuple[float, float] = (np.inf, np.inf)
+    silence: tuple[float, float] = (np.inf, np.inf)
     delay: int = 0
     row_time: float = 0.0
+    draw_pixels: bool = True
     nuisance: tuple[str, ...] = ()
     params: dict[str, Any] = field(default_factory=dict[str, Any])
 
@@ -266,12 +270,11 @@ def make_filter(truth: Truth, made: Draw, **params: Any) -> tuple[PoseMekf, dict
     return mekf, sources(mekf)
 
 
-def error_of(message: PoseFilterMsg, truth: Truth, bias: F64) -> F64:
+def error_of(message: PoseFilterMsg, state: tuple[F64, F64, F64], bias: F64) -> F64:
     """True minus estimated core states (12,)."""
-    r, v, dcm_BN = truth.at(message.estimate_ns * 1e-9)
+    r, v, dcm_BN = state
     q: Any = Rotation.from_quat(message.beta_BN, scalar_first=True)
-    estimate = np.asarray(q.as_matrix(), float).T
-    theta = rotvec(dcm_BN @ estimate.T)
+    theta = rotvec(dcm_BN @ np.asarray(q.as_matrix(), float))
     return np.concatenate([r - message.r_BN_N, v - message.v_BN_N, theta, bias - message.bias_B])
 
 
@@ -289,7 +292,7 @@ def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilt
     """One run, second by second: time, message, error of the core states, filter."""
     scene, truth = cached.scene, cached.scene.truth
     made = draw(setup, scene.focal, seed)
-    rng, optics = made.rng, made.optics
+    rng, optics, false = made.rng, made.optics, np.random.default_rng([seed, 78])
     mekf, ports = make_filter(truth, made, row_time=setup.row_time, **setup.params)
     bias, gps_bias = made.x0[9:], NUISANCE["gps"] * rng.standard_normal(3) * ("gps" in setup.nuisance)
     ideal = not (set(setup.nuisance) - {"map", "gps"}) and not setup.row_time
@@ -302,7 +305,8 @@ def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilt
         noise = np.sqrt(ARW**2 + RRW**2 / 12.0) * rng.standard_normal(3)
         rate = cached.rates[t - 1] + 0.5 * (bias + new_bias) + noise
         bias = new_bias
-        ports["in_gyro"].write(IMUSensorMsg(omega_PN_P=rate, accel_P=np.full(3, np.nan)), t_ns)
+        if not setup.silence[0] < t < setup.silence[1]:
+            ports["in_gyro"].write(IMUSensorMsg(omega_PN_P=rate, accel_P=np.full(3, np.nan)), t_ns)
         keep = np.exp(-1.0 / 300.0)
         fresh = NUISANCE["gps"] * np.sqrt(1.0 - keep**2) * ("gps" in setup.nuisance)
         gps_bias = keep * gps_bias + fresh * rng.standard_normal(3)
@@ -319,26 +323,19 @@ def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilt
         k = at.get(t - setup.delay)
         if k is not None:
             seen = cached.seen[k] if ideal else scene.pixels(k, optics, made.late)
-            seen = seen + setup.sigma_px * rng.standard_normal(seen.shape)
-            wrong = rng.random(len(seen)) < setup.outliers
-            place = scene.places[k] - made.map_bias + setup.sigma_map * rng.standard_normal((len(seen), 3))
+            seen = seen + setup.sigma_px * rng.standard_normal(seen.shape) if setup.draw_pixels else seen
+            wrong = false.random(len(seen)) < setup.outliers
+            place = scene.places[k] - made.map_bias + setup.sigma_map * false.standard_normal((len(seen), 3))
             if setup.wrong_px:
-                seen[wrong] += setup.wrong_px * rng.standard_normal((int(wrong.sum()), 2))
+                seen[wrong] += setup.wrong_px * false.standard_normal((int(wrong.sum()), 2))
             else:
-                seen[wrong] = rng.uniform(0.0, 2047.0, (int(wrong.sum()), 2))
+                seen[wrong] = false.uniform(0.0, 2047.0, (int(wrong.sum()), 2))
             exposure_ns = (t - setup.delay) * 10**9
             ports["in_landmarks"].write(landmarks(exposure_ns, place, seen, setup.sigma_px), t_ns)
         mekf.step(t_ns)
         message = mekf.out_filter.latest()
         assert message is not None
-        yield t, message, error_of_cached(message, (r, v, dcm_BN), bias), mekf
-
-
-def error_of_cached(message: PoseFilterMsg, state: tuple[F64, F64, F64], bias: F64) -> F64:
-    r, v, dcm_BN = state
-    q: Any = Rotation.from_quat(message.beta_BN, scalar_first=True)
-    theta = rotvec(dcm_BN @ np.asarray(q.as_matrix(), float))
-    return np.concatenate([r - message.r_BN_N, v - message.v_BN_N, theta, bias - message.bias_B])
+        yield t, message, error_of(message, (r, v, dcm_BN), bias), mekf
 
 
 def monte_carlo(cached: Cached, setup: Setup, runs: int, every: int = 10, first: int = 0) -> tuple[F64, F64]:
