@@ -47,6 +47,8 @@ ROUNDS = 10
 SETTLED = 0.05
 """Steps of the outline, in its standard deviations, at which it stays."""
 FAR_PX = 4.0
+FEET = 720
+OVAL_STEP = 1e-6
 LIGHT_PX = 0.05
 """The light is worked out anew if the outline has moved by this."""
 TERMINATOR_PX, LEAST_PX = 1.5, 1.5
@@ -60,6 +62,8 @@ SHARE_STEP = 0.2
 OVAL_PRIOR, SKY_PRIOR, BRIGHT_PRIOR = 0.004, 0.02, 0.4
 """Standard deviations expected of the ovals beside a sphere's, of the sky's slope and of the brightness along the limb to its height."""
 HELD = 1e9
+HELD_FROM = 4
+"""From this round on the choice of pixels below saturation stays, for it would swing."""
 EVIDENCE = 3.0
 """Logarithm of the odds at which more laws are taken in."""
 LEAST_GAIN = 0.003
@@ -114,6 +118,7 @@ class Problem:
         self.top = top if float(band.value.max()) >= top else math.inf
         self.gain_sd, self.shift_sd, self.inward_sd = 0.01, 0.0, 0.02
         self.noises = (noise**2, 0.0)
+        self.held, self.below = False, np.ones(len(band.d), np.bool_)
         self.move(e)
         self.light(e)
 
@@ -126,8 +131,17 @@ class Problem:
         r = np.hypot(dx, dy)
         c, s = dx / r, dy / r
         self.way = np.column_stack([c, s])
-        self.rows = np.column_stack([nx, ny, np.ones_like(r), c * c - s * s, 2.0 * c * s])
         turn = np.arctan2(dy, dx) / TURN % 1.0
+        # How the curve moves outward at its own points; short arcs need that exactly
+        at = np.linspace(0.0, TURN, FEET + 1)
+        reach, ox, oy = e.at(at)
+        x, y = reach * np.cos(at), reach * np.sin(at)
+        size = (x * ox + y * oy) / e.radius
+        ovals = [
+            -e._replace(**{name: getattr(e, name) + OVAL_STEP}).distance(e.x + x, e.y + y)[0] / (OVAL_STEP * e.radius)
+            for name in ("oval_x", "oval_y")
+        ]
+        self.rows = np.column_stack([nx, ny, *(np.interp(turn * FEET, np.arange(FEET + 1), v) for v in (size, *ovals))])
         self.place, nodes = turn * AROUND, turn * NODES
         self.node = np.minimum(nodes.astype(np.int64), NODES - 1)
         self.part = nodes - self.node
@@ -204,7 +218,9 @@ class Problem:
         fits = self.good & (np.abs(residual) < CLIP * np.sqrt(variance) + slack)
         if self.top < math.inf:
             # Chosen by what is expected: to leave out bright noise would darken the rest
-            fits &= mean < self.top - SATURATED * np.sqrt(variance)
+            if not self.held:
+                self.below = mean < self.top - SATURATED * np.sqrt(variance)
+            fits &= self.below
         return np.where(fits, 1.0 / variance, 0.0)
 
     def learn(self, u: Unknown, n: Normal, cells: bool) -> None:
@@ -409,6 +425,7 @@ def _iterate(problem: Problem, u: Unknown, learn: bool) -> tuple[Unknown, F64] |
     """Gauss-Newton until the outline stays; with ``learn``, the variances are estimated on the way."""
     begin = problem.d
     for k in range(ROUNDS):
+        problem.held = k >= HELD_FROM or not learn
         n = problem.normal(u)
         if learn and k >= 2:
             problem.learn(u, n, k >= 3)
