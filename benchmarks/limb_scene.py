@@ -1,4 +1,4 @@
-"""Rendered disks whose exact place is known, the finders' answer to them, and the bound of the information in them."""
+"""Rendered disks whose exact place is known, and the finders' answer to them."""
 
 from __future__ import annotations
 
@@ -128,55 +128,20 @@ class Scene:
         """Limb and centre."""
         return truth(self.lens, self._seen(self.r_PC_C), points)
 
-    def radiance(self, r_PC_C: F64 | None = None) -> F32:
-        """What falls on the detector, (H, W)."""
+    def radiance(self, r_PC_C: F64 | None = None, body: DiskBody | None = None, psf_px: float = PSF_PX) -> F32:
+        """What falls on the detector, (H, W); from another place, of another body, with another blur."""
         out = np.zeros((self.sight.height_px, self.sight.width_px), np.float32)
-        where = self.r_PC_C if r_PC_C is None else r_PC_C
-        self.sight.draw(self._seen(where), self.body.albedo, self.textures, out)
-        out = blurred(out, OVER * PSF_PX)
+        seen = self._seen(self.r_PC_C if r_PC_C is None else r_PC_C)
+        textures = self.textures if body is None else Textures([body])
+        seen = seen if body is None else seen._replace(body=body)
+        self.sight.draw(seen, seen.body.albedo, textures, out)
+        out = blurred(out, OVER * psf_px)
         return out.reshape(self.camera.height_px, OVER, self.camera.width_px, OVER).mean(axis=(1, 3))
 
-    def expected(self, r_PC_C: F64 | None = None) -> F64:
-        """Grey levels without noise and quantisation, (H, W)."""
-        light = self.radiance(r_PC_C).astype(float)
+    def expected(self, *change: Any, **changes: Any) -> F64:
+        """Grey levels without noise, limits and quantisation, (H, W); arguments as of `radiance`."""
+        light = self.radiance(*change, **changes).astype(float)
         return 255.0 * (light + DETECTOR.black_level)
-
-    def information(self) -> tuple[F64, F64]:
-        """Fisher information (3, 3) of the position, C components [1/m^2], in the pixels near the lit limb.
-
-        The derivative of the image by the position is taken by rendering it anew; the noise is that of the detector
-        (shot, read, quantisation to eight bits). The blur counts as known.
-
-        Returns:
-            With the light of the limb unknown: sky, and a step, an arch (cosine of emission) and a slope behind the
-            limb, free in each sector of it; and with the light known.
-        """
-        grey, d, sector = self.expected(), *self.near_limb()
-        used = sector >= 0
-        electrons = (grey[used] / 255.0 - DETECTOR.black_level) * self.well
-        gain = 255.0 / self.well
-        weight = 1.0 / (gain**2 * (np.maximum(electrons, 0.0) + DETECTOR.read_noise**2) + 1.0 / 12.0)
-        step = 0.1 * self.range / self.focal
-        # along the line of sight a larger step, which moves the limb as much as the others do
-        sight = self.r_PC_C / self.range
-        axes, _ = np.linalg.qr(np.column_stack([sight, np.eye(3)[:, :2]]))
-        columns: list[F64] = []
-        for k in range(3):
-            much = step * (self.focal / self.case.radius_px if k == 0 else 1.0)
-            move = much * axes[:, k]
-            columns.append((self.expected(self.r_PC_C + move) - self.expected(self.r_PC_C - move))[used] / (2.0 * much))
-        J = np.column_stack(columns) @ axes.T
-        known = J.T @ (J * weight[:, None])
-        light, sector = _light(d[used], self.case.radius_px), sector[used]
-        unknown = known.copy()
-        for k in range(SECTORS):
-            of = sector == k
-            if of.any():
-                weighted = light[of] * weight[of, None]
-                both = weighted.T @ J[of]
-                size = weighted.T @ light[of]
-                unknown -= both.T @ np.linalg.pinv(size, rcond=1e-12, hermitian=True) @ both
-        return unknown, known
 
     def near_limb(self) -> tuple[F64, NDArray[np.int64]]:
         """Signed distance of each pixel (H, W) from the limb, positive outside, and its sector; -1: not near."""
@@ -190,7 +155,7 @@ class Scene:
         away, which = tree.query(pixels, distance_upper_bound=BAND_PX)
         found = np.isfinite(away)
         d, sector = np.zeros(len(away)), np.full(len(away), -1)
-        d[found] = self.across(pixels[found], which[found])
+        d[found] = across(self.truth, pixels[found], which[found])
         way = limb - self.truth.ellipse.center_px
         turn = np.arctan2(way[:, 1], way[:, 0]) / (2.0 * math.pi) % 1.0
         lit = np.ones(len(limb), np.bool_)
@@ -200,18 +165,23 @@ class Scene:
         sector[found] = number[which[found]]
         return d.reshape(rows, columns), sector.reshape(rows, columns)
 
-    def across(self, points: F64, which: NDArray[np.int64]) -> F64:
-        """Signed distance of points (n, 2) from the limb, positive outside; ``which`` point of it is the nearest."""
-        limb = self.truth.limb_px
-        along = np.roll(limb, -1, axis=0) - np.roll(limb, 1, axis=0)
-        normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-        normal *= np.sign(np.sum(normal * (limb - self.truth.ellipse.center_px), axis=1))[:, None]
-        return np.sum((points - limb[which]) * normal[which], axis=1)
-
     def errors(self, points: F64) -> F64:
         """How far outside of the exact limb points (n, 2) are [px]."""
         tree: Any = KDTree(self.truth.limb_px)
-        return self.across(points, tree.query(points)[1])
+        return across(self.truth, points, tree.query(points)[1])
+
+    def edges(self, points: F64) -> F64:
+        """How the exact limb moves away from points (n, 2) inward, by the position (n, 3) [px/m]: H of each edge."""
+        columns: list[F64] = []
+        step = 2e-5 * self.range
+        for axis in np.eye(3):
+            ends: list[F64] = []
+            for way in (-step, step):
+                limb = truth(self.lens, self._seen(self.r_PC_C + way * axis), 7200)
+                tree: Any = KDTree(limb.limb_px)
+                ends.append(across(limb, points, tree.query(points)[1]))
+            columns.append((ends[0] - ends[1]) / (2.0 * step))
+        return np.column_stack(columns)
 
     def picture(self, light: F32, seed: int) -> U8:
         """A picture with noise."""
@@ -220,24 +190,20 @@ class Scene:
         )
 
 
+def across(exact: DiskTruth, points: F64, which: NDArray[np.int64]) -> F64:
+    """Signed distance of points (n, 2) from a limb, positive outside; ``which`` point of it is the nearest."""
+    limb = exact.limb_px
+    along = np.roll(limb, -1, axis=0) - np.roll(limb, 1, axis=0)
+    normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    normal *= np.sign(np.sum(normal * (limb - exact.ellipse.center_px), axis=1))[:, None]
+    return np.sum((points - limb[which]) * normal[which], axis=1)
+
+
 def _mars(case: Case, rng: np.random.Generator) -> DiskBody:
     more: dict[str, Any] = {"exponent": 0.75} if case.law == "minnaert" else {}
     if case.contrast > 0.0:
         more["texture"] = invented(seed=int(rng.integers(1000)), contrast=case.contrast)
     return disk_body("Mars", albedo=0.55, law=case.law, **more)
-
-
-def _light(d: F64, radius: float) -> F64:
-    """Sky, step, arch and slope, blurred, at distances (n,) outside of a limb: (n, 4)."""
-    sigma = math.hypot(PSF_PX, math.sqrt(1.0 / 12.0))
-    grid = np.linspace(-BAND_PX - 1.0, BAND_PX + 1.0, 1401)
-    offsets = np.linspace(-5.0, 5.0, 201) * sigma
-    weights = np.exp(-0.5 * (offsets / sigma) ** 2) / np.exp(-0.5 * (offsets / sigma) ** 2).sum()
-    depth = np.maximum(-(grid[:, None] + offsets), 0.0)
-    inside = (grid[:, None] + offsets < 0.0) * 1.0
-    arch = np.sqrt(depth * np.maximum(2.0 * radius - depth, 0.0)) / radius
-    parts: list[F64] = [inside @ weights, arch @ weights, depth @ weights / 8.0]
-    return np.column_stack([np.ones_like(d), *(np.interp(d, grid, p) for p in parts)])
 
 
 class Chain:
