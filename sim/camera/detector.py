@@ -64,7 +64,7 @@ class Pattern(NamedTuple):
     """The same: electrons at nominal exposure."""
 
 
-def expose(radiance: F32, params: DetectorParams, stream: U64) -> U8:
+def expose(radiance: F32, params: DetectorParams, stream: U64, *, blurred_already: bool = False) -> U8:
     """Take a picture.
 
     Args:
@@ -72,6 +72,7 @@ def expose(radiance: F32, params: DetectorParams, stream: U64) -> U8:
         params: of the detector.
         stream: (4,) random stream of the module; it advances. The picture depends on its words, not on the number of
             threads.
+        blurred_already: whether the renderer has applied the point-spread function.
 
     Returns:
         Grey levels (H, W) or (H, W, 3).
@@ -83,7 +84,8 @@ def expose(radiance: F32, params: DetectorParams, stream: U64) -> U8:
         raise ValueError(f"expose: radiance: expected the shape (H, W) or (H, W, 3), got {radiance.shape}")
     rows, columns = radiance.shape[:2]
     channels = 1 if radiance.ndim == 2 else 3
-    light = blurred(np.ascontiguousarray(radiance, np.float32), params.psf_sigma_px).reshape(rows, -1)
+    light = np.ascontiguousarray(radiance, np.float32)
+    light = (light if blurred_already else blurred(light, params.psf_sigma_px)).reshape(rows, -1)
     pattern = _pattern(_fixed(params), rows, columns, channels)
     electrons, rays = params.full_well * params.exposure, params.cosmic_rays
     bands = range(0, rows, BAND)

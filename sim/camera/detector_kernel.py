@@ -134,9 +134,9 @@ def expose_band(
             mean = value * electrons * response[i, j] + dark[i, j] * exposure
             if hits:
                 mean += struck[i, j]
-            spread = math.sqrt(mean)
             charge, deviation = mean, read
             if shot and mean > 0.0:
+                spread = math.sqrt(mean)
                 if mean < EXACT_BELOW:
                     charge = poisson(uniform(stream), mean)
                 elif mean + 8.0 * spread < well:  # far from the full well, one draw stands for both noises

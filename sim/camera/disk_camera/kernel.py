@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fsw.math.compiled import compiled
 from messages.base import F64
+from sim.camera.disk_camera.edges import spread
 
 BODY_SIZE = 25
 LAMBERT, LOMMEL_SEELIGER, MINNAERT = 0, 1, 2
@@ -25,8 +26,22 @@ LINES = 8
 _NODES = np.polynomial.legendre.leggauss(6)[0] / 2.0 + 0.5
 _WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
 """Of the rays on each line, on the way from 0 to 1 (Gauss)."""
-RAYS, _STEP = 16, 5
-"""Rays in a pixel near the limb or at the terminator, and the generator of their lattice of rank 1."""
+
+
+def _lattice(rays: int, step: int) -> F64:
+    """Places in a pixel and weights (n, 3) of a lattice of rank 1: for a terminator, wherever it goes."""
+    k = np.arange(rays)
+    return np.column_stack([(k + 0.5) / rays - 0.5, ((k * step) % rays + 0.5) / rays - 0.5, np.full(rays, 1.0 / rays)])
+
+
+def _gauss(n: int) -> F64:
+    """The same (n^2, 3) of Gauss's rule in both directions: for light that is smooth, even if it changes fast."""
+    node, weight = np.polynomial.legendre.leggauss(n)
+    u, v = (0.5 * x.ravel() for x in np.meshgrid(node, node))
+    return np.column_stack([u, v, 0.25 * np.outer(weight, weight).ravel()])
+
+
+_AT_TERMINATOR, _NEAR_LIMB, _WITHIN = _lattice(16, 5), _gauss(4), _gauss(2)
 
 
 @compiled
@@ -70,7 +85,8 @@ def reflected(law: float, exponent: float, mu0: float, mu: float) -> float:
         return mu0
     if law == LOMMEL_SEELIGER:
         return 2.0 * mu0 / (mu0 + mu)
-    return math.pow(mu0, exponent) * math.pow(max(mu, 1e-3), exponent - 1.0)
+    mu = max(mu, 1e-3)
+    return math.pow(mu0 * mu, exponent) / mu
 
 
 @compiled
@@ -118,6 +134,8 @@ def draw(
     first_column: int,
     last_column: int,
     out: NDArray[np.float32],
+    fine: NDArray[np.float32],
+    edge: NDArray[np.uint8],
 ) -> None:
     """Draw a body over what is in the image already.
 
@@ -130,11 +148,14 @@ def draw(
         first_column: likewise.
         last_column: likewise.
         out: (H, W), radiance.
+        fine: light of pixels near a limb where it falls, see `sim.camera.disk_camera.edges`; empty if not wanted.
+        edge: (H, W), 1 for these pixels.
     """
     step, law, exponent, bright = body[24], body[21], body[22], body[23]
     corner = 0.75 * step  # as far as the corners of a pixel are from its middle, and a little more
     has_texture = faces.shape[1] > 3
-    met = np.empty((last_column - first_column, 4))
+    met, rays = np.empty((last_column - first_column, 4)), np.zeros((LINES * _NODES.shape[0], 3))
+    four, wanted = np.zeros(16), edge.shape[0] > 0
     for i in range(first_row, last_row):
         meet_row(body, grid[i + 1, first_column + 1 : last_column + 1], met)
         for j in range(first_column, last_column):
@@ -142,8 +163,9 @@ def draw(
             if not room > -corner - 0.13 * step * step:
                 continue
             x, y = grid[i + 1, j + 1, 0], grid[i + 1, j + 1, 1]
-            covered = 1.0
-            if room > 4.0 * step and mu0 * mu0 * room > step * step:
+            covered, swapped, count = 1.0, False, 0
+            twilight = mu0 * mu0 * room <= step * step
+            if room > 8.0 * step and not twilight:
                 light = reflected(law, exponent, mu0, mu)
             else:
                 xu, yu = (
@@ -154,28 +176,40 @@ def draw(
                     0.5 * (grid[i + 2, j + 1, 0] - grid[i, j + 1, 0]),
                     0.5 * (grid[i + 2, j + 1, 1] - grid[i, j + 1, 1]),
                 )
-                if room > corner:
-                    light, x, y, depth = _smooth(body, x, y, xu, yu, xv, yv)
+                if room > 4.0 * step:
+                    table = _AT_TERMINATOR if twilight else _WITHIN
+                    light, x, y, depth = _smooth(body, x, y, xu, yu, xv, yv, table, rays)
+                elif room > corner:
+                    table = _AT_TERMINATOR if twilight else _NEAR_LIMB
+                    light, x, y, depth = _smooth(body, x, y, xu, yu, xv, yv, table, rays)
+                    count = table.shape[0]
                 elif abs(_limb_terms(body, x, y, xu, yu)[1]) >= abs(_limb_terms(body, x, y, xv, yv)[1]):
-                    covered, light, x, y, depth = _cross_limb(body, x, y, xu, yu, xv, yv)
+                    covered, light, x, y, depth, count = _cross_limb(body, x, y, xu, yu, xv, yv, rays)
                 else:
-                    covered, light, x, y, depth = _cross_limb(body, x, y, xv, yv, xu, yu)
-            if has_texture and light > 0.0:
-                light *= texture_at(body, faces, x, y, depth)
-            out[i, j] = out[i, j] * (1.0 - covered) + bright * light
+                    covered, light, x, y, depth, count = _cross_limb(body, x, y, xv, yv, xu, yu, rays)
+                    swapped = True
+            factor = texture_at(body, faces, x, y, depth) if has_texture and light > 0.0 else 1.0
+            if wanted and (count > 0 or edge[i, j] != 0):
+                spread(rays, count, swapped, bright * factor, covered, i, j, out, fine, edge, four)
+            out[i, j] = out[i, j] * (1.0 - covered) + bright * factor * light
 
 
 @compiled
 def _smooth(
-    body: F64, x: float, y: float, xu: float, yu: float, xv: float, yv: float
+    body: F64, x: float, y: float, xu: float, yu: float, xv: float, yv: float, table: F64, rays: F64
 ) -> tuple[float, float, float, float]:
-    """Light of a pixel within the limb, and tangents and depth of the place that it comes from on average."""
+    """Light of a pixel within the limb, and tangents and depth of the place that it comes from on average.
+
+    ``table`` (n, 3) has places in the pixel, from -0.5 to 0.5, and weights. ``rays`` (n, 3) gets the places again, and
+    their light.
+    """
     total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0
-    for k in range(RAYS):
-        u, v = (k + 0.5) / RAYS - 0.5, ((k * _STEP) % RAYS + 0.5) / RAYS - 0.5
+    for k in range(table.shape[0]):
+        u, v = table[k, 0], table[k, 1]
         rx, ry = x + u * xu + v * xv, y + u * yu + v * yv
         _, depth, mu0, mu = meet(body, rx, ry)
-        light = reflected(body[21], body[22], mu0, mu) / RAYS
+        light = table[k, 2] * reflected(body[21], body[22], mu0, mu)
+        rays[k, 0], rays[k, 1], rays[k, 2] = u, v, light
         total, sx, sy, sd = total + light, sx + light * rx, sy + light * ry, sd + light * depth
     if not total > 0.0:
         return 0.0, x, y, 0.0
@@ -204,14 +238,14 @@ def _limb_terms(body: F64, x: float, y: float, dx: float, dy: float) -> tuple[fl
 
 @compiled
 def _cross_limb(
-    body: F64, x: float, y: float, dx: float, dy: float, ex: float, ey: float
-) -> tuple[float, float, float, float, float]:
-    """Part of a pixel that a body covers, light of that part times its size, and where it comes from as in `_smooth`.
+    body: F64, x: float, y: float, dx: float, dy: float, ex: float, ey: float, rays: F64
+) -> tuple[float, float, float, float, float, int]:
+    """Part of a pixel that a body covers, light of that part times its size, where it comes from as in `_smooth`, rays.
 
     Along each of a few lines (d, across the limb; e leads from line to line) the limb is found exactly, and the rays
     lie closer together towards it, where the radiance grows as the square root of the distance.
     """
-    covered, total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0, 0.0
+    covered, total, sx, sy, sd, count = 0.0, 0.0, 0.0, 0.0, 0.0, 0
     for n in range(LINES):
         v = (n + 0.5) / LINES - 0.5
         px, py = x + v * ex, y + v * ey
@@ -241,10 +275,12 @@ def _cross_limb(
             rx, ry = px + u * dx, py + u * dy
             _, depth, mu0, mu = meet(body, rx, ry)
             light = 2.0 * _NODES[k] * _WEIGHTS[k] * (high - low) / LINES * reflected(body[21], body[22], mu0, mu)
+            rays[count, 0], rays[count, 1], rays[count, 2] = u, v, light
+            count += 1
             total, sx, sy, sd = total + light, sx + light * rx, sy + light * ry, sd + light * depth
     if not total > 0.0:
-        return covered, 0.0, x, y, 0.0
-    return covered, total, sx / total, sy / total, sd / total
+        return covered, 0.0, x, y, 0.0, count
+    return covered, total, sx / total, sy / total, sd / total, count
 
 
 @compiled

@@ -19,7 +19,7 @@ from messages.environment import EphemerisMsg, PlanetOrientationMsg
 from messages.opnav import CameraConfigMsg, CameraImageMsg
 from messages.states import SCStatesMsg
 from sim.camera.detector import DetectorParams, expose
-from sim.camera.disk_camera.scene import DiskBody, DiskTruth, Seen, Sight, Textures, truth
+from sim.camera.disk_camera.scene import NO_EDGES, DiskBody, DiskTruth, Seen, Sight, Textures, behind_optics, truth
 
 
 class DiskCamera(Module):
@@ -92,7 +92,7 @@ class DiskCamera(Module):
         self._seen = self._scene(exposure_ns, state.r_BN_N, dcm_CN, sun.r_PN_N)
         planes = [self._plane(k, sight, dcm_CN) for k, sight in enumerate(self._sights)]
         radiance = np.stack(planes, axis=-1) if self.params.colour else planes[0]
-        image = expose(radiance, self.params, self._noise)
+        image = expose(radiance, self.params, self._noise, blurred_already=True)
         self.out_image.write(CameraImageMsg(image=image, exposure_ns=exposure_ns, label=self.name), t_ns)
         self.out_camera.write(self.camera, t_ns)
 
@@ -133,12 +133,14 @@ class DiskCamera(Module):
         return np.array(plain(rotvec_to_dcm)((x, y, z))) @ turn.dcm_EN
 
     def _plane(self, channel: int, sight: Sight, dcm_CN: F64) -> NDArray[np.float32]:
-        """Radiance of one colour, or of grey."""
+        """Radiance of one colour, or of grey, behind the optics."""
+        blur = self.params.psf_sigma_px
+        edges = sight.edges() if blur > 0.0 else NO_EDGES
         out = np.zeros((self.camera.height_px, self.camera.width_px), np.float32)
         if self._stars is not None:
             light = self.params.star_light * 10.0 ** (-0.4 * self._stars.magnitude)
             sight.draw_stars(self._stars.u_N @ dcm_CN.T, light, out)
         for seen in self._seen:
             factor = seen.body.colour[channel] if self.params.colour else 1.0
-            sight.draw(seen, seen.body.albedo * factor, self._textures, out)
-        return out
+            sight.draw(seen, seen.body.albedo * factor, self._textures, out, edges)
+        return behind_optics(out, edges, blur) if blur > 0.0 else out

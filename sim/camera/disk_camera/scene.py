@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +18,8 @@ from fsw.math.camera import UNLIMITED, distort_slopes, project_point, undistort
 from fsw.math.checks import require_rotation
 from fsw.math.ellipsoid import ImageEllipse, ellipsoid_in_image, limb_ellipse, limb_pixels
 from messages.base import F64
-from sim.camera.disk_camera import kernel
+from sim.camera.detector import blurred
+from sim.camera.disk_camera import edges, kernel
 from sim.camera.disk_camera.texture import PLAIN, cubes
 
 WORKERS = os.cpu_count() or 1
@@ -168,6 +171,43 @@ def body_numbers(seen: Seen, focal_px: float, brightness: float) -> F64:
     return out
 
 
+class Edges(NamedTuple):
+    """Where the light near limbs falls, see `sim.camera.disk_camera.edges`."""
+
+    fine: F32
+    """Cells of half a pixel (2 H + 2, 2 W + 2)."""
+    edge: NDArray[np.uint8]
+    """(H, W), 1 for pixels whose light is in cells."""
+
+
+NO_EDGES = Edges(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.uint8))
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(WORKERS)
+
+
+def behind_optics(light: F32, drawn: Edges, sigma_px: float) -> F32:
+    """What the detector gets: light (H, W) spread by a Gaussian, that of limbs from where it falls in the pixels."""
+    height, width = light.shape
+    reach, out = math.ceil(5.0 * sigma_px + 2.0), np.zeros_like(light)
+    rows = np.flatnonzero(light.any(axis=1))
+    if rows.size:
+        lit = np.flatnonzero(light[rows[0] : rows[-1] + 1].any(axis=0))
+        part = np.s_[max(rows[0] - reach, 0) : rows[-1] + reach + 1, max(lit[0] - reach, 0) : lit[-1] + reach + 1]
+        out[part] = blurred(light[part], sigma_px)
+    near = np.zeros((-(-height // edges.TILE), -(-width // edges.TILE)), np.uint8)
+    edges.mark(drawn.edge, reach, near)
+    weight = edges.weights(sigma_px).astype(np.float32)
+
+    def tile(place: tuple[int, int]) -> None:
+        edges.blur_tile(place[0] * edges.TILE, place[1] * edges.TILE, light, *drawn, weight, out)
+
+    list(_pool().map(tile, np.argwhere(near).tolist()))
+    return out
+
+
 class Textures:
     """The cubes of the bodies that have a texture, made once."""
 
@@ -205,8 +245,8 @@ class Sight:
             if -1.0 < u < self.width_px and -1.0 < v < self.height_px:
                 kernel.add_star(u, v, amount, out)
 
-    def draw(self, seen: Seen, brightness: float, textures: Textures, out: F32) -> None:
-        """Draw a body over what ``out`` (H, W) shows already.
+    def draw(self, seen: Seen, brightness: float, textures: Textures, out: F32, edges: Edges = NO_EDGES) -> None:
+        """Draw a body over what ``out`` (H, W) shows already; ``edges`` keep where the light of its limb falls.
 
         Raises:
             ValueError: if the camera is inside the body.
@@ -221,14 +261,19 @@ class Sight:
             return
         starts = range(rows.start, rows.stop, BAND)
 
-        def share(first: int) -> None:
-            for start in starts[first::WORKERS]:
-                stop = min(start + BAND, rows.stop)
-                kernel.draw(numbers, faces, self._grid, start, stop, columns.start, columns.stop, out)
+        def band(start: int) -> None:
+            part = start, min(start + BAND, rows.stop), columns.start, columns.stop
+            kernel.draw(numbers, faces, self._grid, *part, out, *edges)
 
-        # A pixel depends on nothing but itself, so the number of threads changes nothing but the time
-        with ThreadPoolExecutor(WORKERS) as pool:
-            list(pool.map(share, range(WORKERS)))
+        # A pixel writes to itself and, of the edges, to the next row too: neighbouring bands take turns, and the number
+        # of threads changes nothing but the time
+        for turn in range(2):
+            list(_pool().map(band, starts[turn::2]))
+
+    def edges(self) -> Edges:
+        """Room for where the light near limbs falls; only what is touched becomes memory."""
+        size = self.height_px, self.width_px
+        return Edges(np.zeros((2 * size[0] + 2, 2 * size[1] + 2), np.float32), np.zeros(size, np.uint8))
 
     def _touched(self, seen: Seen) -> tuple[range, range]:
         """Rows and columns around the limb; all of them if a part of it is not seen; none if the body is behind."""

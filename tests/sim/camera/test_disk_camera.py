@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from fsw import Module, Out, Simulation, Task, s
@@ -23,7 +24,7 @@ from messages.environment import EphemerisMsg, PlanetOrientationMsg
 from messages.opnav import CameraConfigMsg
 from messages.states import SCStatesMsg
 from sim.camera.disk_camera import DiskBody, DiskCamera, disk_body, scene
-from sim.camera.disk_camera.scene import Seen, Sight, Textures, truth
+from sim.camera.disk_camera.scene import Seen, Sight, Textures, behind_optics, truth
 from sim.camera.disk_camera.texture import cubes, invented
 
 CV: Any = cv2
@@ -111,6 +112,38 @@ def test_radiance_against_brute_force(criterion: Criterion, name: str, phase: fl
     assert expected.max() > 0.3 and (phase > 2.0 or np.count_nonzero(inside) > 30)
     criterion("DISK-1", error.max())
     criterion("DISK-2", error[inside].max(initial=0.0))
+
+
+def behind_lens(seen: Seen, camera: CameraConfigMsg, sigma_px: float) -> F64:
+    """Light of the pixels: 16 x 16 rays in each, spread by a Gaussian on their grid, then summed over the pixels."""
+    size, across = camera.width_px, 16
+    at = ((np.arange(size * across) + 0.5) / across - 0.5 - camera.center_px[0]) / camera.focal_px[0]
+    rows = [cast(seen, np.column_stack([at, np.full(len(at), y)])) for y in at]
+    light = ndimage.gaussian_filter(np.array(rows), sigma_px * across, truncate=6.0)
+    return light.reshape(size, across, size, across).mean(axis=(1, 3))
+
+
+@pytest.mark.skipif(not COMPILE, reason="half a million rays")
+@pytest.mark.parametrize("sigma_px", [0.5, 0.8, 1.4])
+@pytest.mark.parametrize("law", [("lambert", 1.0), ("lommel_seeliger", 1.0)])
+def test_place_of_a_blurred_limb(criterion: Criterion, law: tuple[str, float], sigma_px: float) -> None:
+    """By least squares, for each arc of 30 degrees of the lit limb that is 45 degrees and more from the cusps."""
+    camera, radius, towards = config(size=40), 13.7, 0.4
+    body = DiskBody(body_id=1, axes=np.full(3, 1e6), law=law[0], exponent=law[1])
+    r = 1e6 * 500.0 / radius * np.array([0.37 / 500.0, -0.21 / 500.0, 1.0])
+    seen = Seen(body, r, np.eye(3), sun_at(0.6, towards))
+    larger = seen._replace(body=DiskBody(body_id=1, axes=np.full(3, 1.01e6), law=law[0], exponent=law[1]))
+    sight, out = Sight(lens_vector(camera), 40, 40), np.zeros((40, 40), np.float32)
+    edges = sight.edges()
+    sight.draw(seen, 1.0, Textures([body]), out, edges)
+    expected = behind_lens(seen, camera, sigma_px)
+    slope = (behind_lens(larger, camera, sigma_px) - expected) / (0.01 * radius)
+    wrong = behind_optics(out, edges, sigma_px) - expected
+    v, u = np.mgrid[:40, :40] - 19.5
+    angle = np.arctan2(v + 0.21, u - 0.37) - towards
+    arcs = [np.abs(np.angle(np.exp(1j * (angle - middle)))) < np.pi / 12 for middle in np.radians([-30, 0, 30])]
+    places = [float((slope[arc] * wrong[arc]).sum() / (slope[arc] ** 2).sum()) for arc in arcs]
+    criterion("DISK-9", max(abs(x) for x in places))
 
 
 def circle_coverage(center: F64, radius: float, size: int) -> F64:
