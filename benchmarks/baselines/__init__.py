@@ -1,0 +1,1 @@
+"""Baselines: what the sources describe, as they describe it, to compare with."""
