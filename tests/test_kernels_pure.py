@@ -24,6 +24,7 @@ from fsw.math.camera import UNLIMITED
 from fsw.math.compiled import COMPILE
 from fsw.streams import stream_words
 from messages.base import F64, Field, fields_of
+from messages.filters import PoseNuisanceMsg
 from modules.control.b_dot import BDot
 from modules.control.magnetic_momentum_dump import MagneticMomentumDump
 from modules.control.wheel_torque_map import WheelTorqueMap
@@ -110,6 +111,11 @@ _ESTIMATE = {"out_filter.x", "out_filter.P", "out_nav.r_BN_N", "out_nav.v_BN_N"}
 PREDICTED = {
     "RelativeOdUkf": _ESTIMATE,
     "PixelLineBiasUkf": _ESTIMATE,
+    "PoseMekf": {
+        *(f"out_filter.{name}" for name in ("r_BN_N", "v_BN_N", "beta_BN", "bias_B", "P")),
+        *("out_nav.r_BN_N", "out_nav.v_BN_N", "out_att.sigma_BN", "out_att.omega_BN_B"),
+        *(f"out_nuisance.{f.name}" for f in fields_of(PoseNuisanceMsg)),
+    },
     "HeadingUkf": {"out_filter.x", "out_filter.P", "out_direction.u_PC_B", "out_direction.P_uu_B"},
 }
 """What filters know without a good measurement: the prediction from their initial state. Nothing else goes on."""

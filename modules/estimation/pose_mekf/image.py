@@ -62,7 +62,7 @@ def _scene(x: F64, lens: F64, params: Row, in_camera: Row, dcm_EN: M3, omega_EN_
 
 @compiled
 def _pixel(scene: Scene, lens: F64, params: Row, map_bias: V3, r_LE_E: V3, after: float, H: F64) -> tuple[float, float]:
-    """Predicted pixel and its derivatives H (2, 26) of a landmark exposed ``after`` [s] after the image; NaN: unseen."""
+    """Predicted pixel and its derivatives H (2, 26) of a landmark exposed ``after`` [s] later; NaN: unseen."""
     pose, accel, dcm_CB, dcm_EN, omega_EN_N, late = scene
     t = late + after
     if t != 0.0:
@@ -117,17 +117,17 @@ def _whitened(params: Row, marks: Row, i: int, z: F64, H: F64, row: F64) -> bool
     for j in range(3):
         p, q = H[0, MAP + j], H[1, MAP + j]
         a, b, c = a + error * p * p, b + error * p * q, c + error * q * q
-    # lower factor of the noise: (l, 0), (m, n)
+    # lower factor of the noise: (f, 0), (g, h)
     if not (a > 0.0 and a * c - b * b > 0.0 and math.isfinite(a + c)):
         return False
-    l = math.sqrt(a)
-    m = b / l
-    n = math.sqrt(c - m * m)
+    f = math.sqrt(a)
+    g = b / f
+    h = math.sqrt(c - g * g)
     for j in range(SIZE):
-        row[0, j] = H[0, j] / l
-        row[1, j] = (H[1, j] - m * row[0, j]) / n
-    row[0, SIZE] = z[0] / l
-    row[1, SIZE] = (z[1] - m * row[0, SIZE]) / n
+        row[0, j] = H[0, j] / f
+        row[1, j] = (H[1, j] - g * row[0, j]) / h
+    row[0, SIZE] = z[0] / f
+    row[1, SIZE] = (z[1] - g * row[0, SIZE]) / h
     return math.isfinite(row[0, SIZE] + row[1, SIZE])
 
 
@@ -135,7 +135,7 @@ def _whitened(params: Row, marks: Row, i: int, z: F64, H: F64, row: F64) -> bool
 def linearize(
     x: F64, sigma: F64, params: Row, marks: Row, in_camera: Row, dcm_EN: M3, omega_EN_N: V3, rows: F64
 ) -> int:
-    """Rows (2 x 1024, 27) of all landmarks at an estimate (34,); a landmark that cannot be used has NaN in its residual.
+    """Rows (2 x 1024, 27) of all landmarks at an estimate (34,); one that cannot be used has NaN in its residual.
 
     Returns:
         How many can be used. Columns of states that have no error (``sigma`` (26,)) are zero.
@@ -205,7 +205,7 @@ def robust_weights(rows: F64, count: int, huber: float, gate: float, weight: F64
 
 @compiled
 def largest_change(rows: F64, count: int, weight: F64, last: F64) -> float:
-    """Largest change of the length of a residual that has a weight; ``last`` (n,) holds the lengths and takes new ones."""
+    """Largest change of the length of a residual that has a weight; ``last`` (n,) holds the lengths, old then new."""
     most = 0.0
     for i in range(count):
         if weight[i] > 0.0:

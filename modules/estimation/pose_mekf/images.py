@@ -8,7 +8,7 @@ from fsw.module import Row
 from messages.base import F64
 from modules.estimation.pose_mekf import status
 from modules.estimation.pose_mekf.memory import advance, go_back, save_only
-from modules.estimation.pose_mekf.start import lose, place, trust
+from modules.estimation.pose_mekf.start import knows_planet, lose, place, trust
 from modules.estimation.pose_mekf.update import use_image
 
 
@@ -101,7 +101,7 @@ def take_image(
         return status.INVALID
     if in_camera.seq == 0:
         return status.NO_CAMERA
-    if in_orientation.seq == 0:
+    if not knows_planet(in_orientation):
         return status.NO_ORIENTATION
     if in_landmarks.exposure_ns <= state.image_ns:
         return status.TOO_LATE
@@ -141,7 +141,7 @@ def take_fix(
         return status.NO_MEASUREMENT
     if in_camera.seq == 0:
         return status.NO_CAMERA
-    if in_orientation.seq == 0:
+    if not knows_planet(in_orientation):
         return status.NO_ORIENTATION
     what = _to_exposure(state, params, estimated, sigma, frame, in_orientation, in_fix.exposure_ns, t_ns)
     if what != status.UPDATED:

@@ -26,7 +26,7 @@ from modules.estimation.pose_mekf.memory import ENTRIES, SAVED, advance, remembe
 from modules.estimation.pose_mekf.motion import body_rate
 from modules.estimation.pose_mekf.params import PoseMekfParams
 from modules.estimation.pose_mekf.reports import blank, write_estimate, write_nuisance
-from modules.estimation.pose_mekf.start import begin
+from modules.estimation.pose_mekf.start import begin, knows_planet
 from modules.opnav.relative import orientation_at
 
 NEVER = -(2**62)
@@ -63,7 +63,7 @@ def take_gps(t_ns: int, state: Row, in_gps: Row, in_orientation: Row) -> int:
         total += data[i] + data[3 + i]
     if not math.isfinite(total):
         return status.BAD_NUMBERS
-    if in_orientation.seq == 0:
+    if not knows_planet(in_orientation):
         return status.NO_ORIENTATION
     if in_gps.fix_ns > t_ns:
         return status.FROM_FUTURE
@@ -224,7 +224,7 @@ class PoseMekf(KernelModule):
         blank(state, out_filter)
         # the pole, which is all that the field asks of the planet, hardly moves
         frame: M3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        if in_orientation.seq != 0:
+        if knows_planet(in_orientation):
             frame = orientation_at(in_orientation, t_ns)
         take_gyro(params, state, in_gyro)
         gps = take_gps(t_ns, state, in_gps, in_orientation)

@@ -31,6 +31,17 @@ from modules.opnav.relative import orientation_at
 
 
 @compiled
+def knows_planet(in_orientation: Row) -> bool:
+    """Whether the planet's orientation was written and holds numbers."""
+    total = 0.0
+    for i in range(3):
+        total += in_orientation.omega_EN_N[i]
+        for j in range(3):
+            total += in_orientation.dcm_EN[i, j]
+    return in_orientation.seq != 0 and math.isfinite(total)
+
+
+@compiled
 def reset_nuisance(x: F64, P: F64, params: Row, sigma: F64) -> None:
     """Nuisance states as at the start: zero, of standard deviations (26,), correlated only within the map's error."""
     for i in range(CORE, SIZE):

@@ -61,8 +61,6 @@ def use_image(
         out: PoseFilterMsg; what the image said is written.
     """
     dcm_EN, omega_EN_N = orientation_at(in_orientation, marks.exposure_ns), vec3(in_orientation.omega_EN_N)
-    if not math.isfinite(omega_EN_N[0] + dcm_EN[0][0]):
-        return status.NO_ORIENTATION
     count = marks.count
     rows, weight = np.empty((2 * count, SIZE + 1)), np.empty(count)
     H, K, dx, now = np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE)), np.zeros(SIZE), np.empty(ESTIMATE)
