@@ -66,31 +66,45 @@ def propose(values: F32, noise: float, min_radius: float, max_radius: float) -> 
     # Single bright pixels and thin tracks are no edges; then smoothing, so that directions are good to some degrees
     smooth = CV.GaussianBlur(CV.medianBlur(values, 3), (0, 0), 1.2)
     dx, dy = CV.Sobel(smooth, -1, 1, 0, scale=0.125), CV.Sobel(smooth, -1, 0, 1, scale=0.125)
-    top = float(CV.magnitude(dx, dy).max())
+    steep = CV.magnitude(dx, dy)
+    top = float(CV.minMaxLoc(steep)[1])
     least = NOISE_FACTOR * 0.15 * noise
+    levels = sorted({max(share * top, least) for share in LEVELS}, reverse=True)
     found: list[Proposal] = []
-    for high in sorted({max(share * top, least) for share in LEVELS}, reverse=True):
-        if high > top:
-            break
-        edges = _edges(dx, dy, 0.5 * high, high)
-        if edges is not None:
-            found += _circles(edges, min_radius / scale, max_radius / scale)
+    if levels[-1] <= top:
+        thin = _thin(dx, dy, levels[-1])
+        for high in levels:
+            edges = None if high > top else _edges(dx, dy, steep, thin, high)
+            if edges is not None:
+                found += _circles(edges, min_radius / scale, max_radius / scale)
     kept = _distinct(sorted(found, key=rank), MOST)
     shift = 0.5 * (scale - 1.0)
     return [Proposal(p.x * scale + shift, p.y * scale + shift, p.radius * scale, p.votes) for p in kept]
 
 
-def _edges(dx: F32, dy: F32, low: float, high: float) -> Edges | None:
-    gain = 16000.0 / max(float(np.abs(dx).max()), float(np.abs(dy).max()))
-    steep = [(d * np.float32(gain)).astype(np.int16) for d in (dx, dy)]
-    thin = CV.Canny(steep[0], steep[1], low * gain, high * gain, L2gradient=True)
+def _thin(dx: F32, dy: F32, high: float) -> NDArray[np.int32]:
+    """Columns and rows (n, 2) of Canny's edges, with half of the threshold for those that follow on."""
+    gain = 16000.0 / max(CV.norm(dx, cv2.NORM_INF), CV.norm(dy, cv2.NORM_INF))
+    whole = [CV.multiply(d, gain, dtype=cv2.CV_16S) for d in (dx, dy)]
+    thin = CV.Canny(whole[0], whole[1], 0.5 * high * gain, high * gain, L2gradient=True)
     thin[:2] = thin[-2:] = 0  # what is cut off by the frame is no limb
     thin[:, :2] = thin[:, -2:] = 0
-    count, labels = CV.connectedComponents(thin, connectivity=8, ltype=cv2.CV_32S)
-    flat = np.flatnonzero(thin)
-    if not len(flat):
+    found = CV.findNonZero(thin)
+    return np.empty((0, 2), np.int32) if found is None else found.reshape(-1, 2)
+
+
+def _edges(dx: F32, dy: F32, steep: F32, thin: NDArray[np.int32], high: float) -> Edges | None:
+    """The longest chains of thin edges that are steeper than half of a threshold, and somewhere than all of it."""
+    slope = steep[thin[:, 1], thin[:, 0]]
+    column, row = thin[slope >= 0.5 * high].T
+    if not len(column):
         return None
-    label = labels.ravel()[flat]
+    mask = np.zeros(steep.shape, np.uint8)
+    mask[row, column] = 1
+    count, labels = CV.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)
+    label = labels[row, column]
+    strong = np.bincount(label, slope[slope >= 0.5 * high] >= high, minlength=count) > 0
+    column, row, label = column[strong[label]], row[strong[label]], label[strong[label]]
     sizes = np.bincount(label, minlength=count)
     longest = np.argsort(-sizes, kind="stable")[:MAX_CHAINS]
     longest = longest[sizes[longest] >= MIN_CHAIN]
@@ -99,8 +113,7 @@ def _edges(dx: F32, dy: F32, low: float, high: float) -> Edges | None:
     renumber = np.full(count, -1, np.int64)
     renumber[longest] = np.arange(len(longest))
     chain = renumber[label]
-    row, column = np.divmod(flat[chain >= 0], thin.shape[1])
-    chain = chain[chain >= 0]
+    row, column, chain = row[chain >= 0], column[chain >= 0], chain[chain >= 0]
     normal = np.column_stack([dx[row, column], dy[row, column]]).astype(float)
     normal /= np.hypot(normal[:, 0], normal[:, 1])[:, None]
     order = np.argsort(chain, kind="stable")
