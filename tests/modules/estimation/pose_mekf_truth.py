@@ -29,6 +29,9 @@ ARW, RRW = np.radians(0.1) / 60.0, 2e-8
 STAR_SIGMA = np.array([10.0, 10.0, 60.0]) * ARCSEC
 
 
+State = tuple[F64, F64, F64, F64]
+
+
 def skew(a: F64) -> F64:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
@@ -92,11 +95,15 @@ class Truth:
         dq = 0.5 * np.array([-b[1:] @ w, *(b[0] * w + np.cross(b[1:], w))])
         return np.concatenate([y[3:6], gravity(y[:3]), dq])
 
-    def at(self, t: float) -> tuple[F64, F64, F64]:
-        """r_BN_N, v_BN_N, dcm_BN."""
+    def whole(self, t: float) -> State:
+        """r_BN_N, v_BN_N, dcm_BN, quaternion of the body's axes in N, scalar first (its components are beta_BN)."""
         y = self._solution(t)
         q: Any = Rotation.from_quat(y[6:], scalar_first=True)
-        return y[:3], y[3:6], np.asarray(q.as_matrix(), float).T
+        return y[:3], y[3:6], np.asarray(q.as_matrix(), float).T, y[6:] / np.linalg.norm(y[6:])
+
+    def at(self, t: float) -> tuple[F64, F64, F64]:
+        """r_BN_N, v_BN_N, dcm_BN."""
+        return self.whole(t)[:3]
 
 
 def ground(r_E: F64, ray_E: F64, height: float) -> F64:
@@ -270,12 +277,22 @@ def make_filter(truth: Truth, made: Draw, **params: Any) -> tuple[PoseMekf, dict
     return mekf, sources(mekf)
 
 
-def error_of(message: PoseFilterMsg, state: tuple[F64, F64, F64], bias: F64) -> F64:
-    """True minus estimated core states (12,)."""
-    r, v, dcm_BN = state
-    q: Any = Rotation.from_quat(message.beta_BN, scalar_first=True)
-    theta = rotvec(dcm_BN @ np.asarray(q.as_matrix(), float))
-    return np.concatenate([r - message.r_BN_N, v - message.v_BN_N, theta, bias - message.bias_B])
+def hamilton(p: F64, q: F64) -> F64:
+    """Product of quaternions, scalar first."""
+    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])
+
+
+def small(phi: F64) -> F64:
+    """Quaternion of a small rotation vector."""
+    return np.concatenate([[np.sqrt(1.0 - 0.25 * phi @ phi)], 0.5 * phi])
+
+
+def error_of(message: PoseFilterMsg, state: State, bias: F64) -> F64:
+    """True minus estimated core states (12,): true = (I - [theta x]) estimate, so q = q_estimate q(theta)."""
+    r, v, _, q = state
+    between = hamilton(message.beta_BN * [1.0, -1.0, -1.0, -1.0], q)
+    theta = 2.0 * np.arcsin(np.linalg.norm(between[1:])) / np.linalg.norm(between[1:]) * between[1:]
+    return np.concatenate([r - message.r_BN_N, v - message.v_BN_N, theta * np.sign(between[0]), bias - message.bias_B])
 
 
 class Cached:
@@ -283,13 +300,14 @@ class Cached:
 
     def __init__(self, scene: Scene, duration: int) -> None:
         self.scene, self.duration = scene, duration
-        self.states = [scene.truth.at(float(t)) for t in range(duration + 1)]
+        self.states: list[State] = [scene.truth.whole(float(t)) for t in range(duration + 1)]
+        self.planet = [orientation(float(t)) for t in range(duration + 1)]
         self.rates = [scene.truth.mean_omega(t - 1.0, float(t)) for t in range(1, duration + 1)]
         self.seen = [scene.pixels(k, Optics(scene.focal)) for k in range(len(scene.images))]
 
 
-def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilterMsg, F64, PoseMekf]]:
-    """One run, second by second: time, message, error of the core states, filter."""
+def run(cached: Cached, setup: Setup, seed: int, every: int = 1) -> Iterator[tuple[int, PoseFilterMsg, F64, PoseMekf]]:
+    """One run, of which each ``every``-th second is told: time, message, error of the core states, filter."""
     scene, truth = cached.scene, cached.scene.truth
     made = draw(setup, scene.focal, seed)
     rng, optics, false = made.rng, made.optics, np.random.default_rng([seed, 78])
@@ -300,7 +318,7 @@ def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilt
     at = {round(float(t)): k for k, t in enumerate(scene.images)}
     for t in range(1, cached.duration + 1):
         t_ns = t * 10**9
-        ports["in_orientation"].write(orientation(float(t)), t_ns)
+        ports["in_orientation"].write(cached.planet[t], t_ns)
         new_bias = bias + RRW * rng.standard_normal(3)
         noise = np.sqrt(ARW**2 + RRW**2 / 12.0) * rng.standard_normal(3)
         rate = cached.rates[t - 1] + 0.5 * (bias + new_bias) + noise
@@ -310,10 +328,9 @@ def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilt
         keep = np.exp(-1.0 / 300.0)
         fresh = NUISANCE["gps"] * np.sqrt(1.0 - keep**2) * ("gps" in setup.nuisance)
         gps_bias = keep * gps_bias + fresh * rng.standard_normal(3)
-        r, v, dcm_BN = cached.states[t]
+        r, v, _, q = cached.states[t]
         if setup.star and t % setup.star == 0:
-            q: Any = Rotation.from_matrix((turn(STAR_SIGMA * rng.standard_normal(3)) @ dcm_BN).T)
-            beta = q.as_quat(scalar_first=True)
+            beta = hamilton(q, small(STAR_SIGMA * rng.standard_normal(3)))
             ports["in_star_tracker"].write(STAttMsg(exposure_ns=t_ns, valid=True, beta_SN=beta), t_ns)
         if setup.gps and t % setup.gps == 0 and not setup.outage[0] < t < setup.outage[1]:
             E = dcm_EN(float(t))
@@ -333,9 +350,10 @@ def run(cached: Cached, setup: Setup, seed: int) -> Iterator[tuple[int, PoseFilt
             exposure_ns = (t - setup.delay) * 10**9
             ports["in_landmarks"].write(landmarks(exposure_ns, place, seen, setup.sigma_px), t_ns)
         mekf.step(t_ns)
-        message = mekf.out_filter.latest()
-        assert message is not None
-        yield t, message, error_of(message, (r, v, dcm_BN), bias), mekf
+        if t % every == 0:
+            message = mekf.out_filter.latest()
+            assert message is not None
+            yield t, message, error_of(message, cached.states[t], bias), mekf
 
 
 def monte_carlo(cached: Cached, setup: Setup, runs: int, every: int = 10, first: int = 0) -> tuple[F64, F64]:
@@ -343,9 +361,8 @@ def monte_carlo(cached: Cached, setup: Setup, runs: int, every: int = 10, first:
     K = cached.duration // every
     errors, P = np.empty((runs, K, 12)), np.empty((runs, K, 12, 12))
     for m in range(runs):
-        for t, message, error, _ in run(cached, setup, first + m):
-            if t % every == 0:
-                errors[m, t // every - 1], P[m, t // every - 1] = error, message.P[:12, :12]
+        for t, message, error, _ in run(cached, setup, first + m, every):
+            errors[m, t // every - 1], P[m, t // every - 1] = error, message.P[:12, :12]
     return errors, P
 
 
@@ -370,7 +387,7 @@ def pcrb(cached: Cached, setup: Setup, everything: bool = False) -> F64:
     kept: list[F64] = []
     su, sv, qa = RRW, ARW, 1e-7
     for t in range(1, cached.duration + 1):
-        r, _, dcm_BN = cached.states[t]
+        r, _, dcm_BN, _ = cached.states[t]
         w = scene.truth.mean_omega(t - 1.0, float(t))
         far, n = np.linalg.norm(r), r / np.linalg.norm(r)
         G = -MU / far**3 * (np.eye(3) - 3.0 * np.outer(n, n))

@@ -247,7 +247,7 @@ def test_divergence_and_own_search(wide: Cached) -> None:
 
 
 def fix(cached: Cached, t_ns: int, sigma: float = 100.0, **more: Any) -> PoseFixMsg:
-    r, _, dcm_BN = cached.states[t_ns // S]
+    r, _, dcm_BN, _ = cached.states[t_ns // S]
     E = orientation(t_ns * 1e-9).dcm_EN
     q: Any = Rotation.from_matrix((dcm_BN @ E.T).T)
     values: dict[str, Any] = {
