@@ -48,7 +48,7 @@ class Row(NamedTuple):
     free: tuple[float, float]
     """Bound with the light of each sector of the limb free."""
     edges: tuple[float, float]
-    """Section B2's closed form: the points found, independent and with the scatter that they have."""
+    """The closed form of independent edges: the points found, independent and with the scatter that they have."""
     nees: float
     bias_px: float
     """Mean of the points' distance from the exact limb."""
@@ -145,14 +145,15 @@ alternates between Lambert's and Lommel-Seeliger's.
 image's derivative taken by rendering it anew; what the detector cuts off at its zero and its top is lost. Unknown is
 what a flight program cannot know: the sky's level, the brightness of the surface in each of 24 sectors of the limb, the
 blur, and the mixture of Lambert's law and Lommel-Seeliger's by which it reflects (with Minnaert's where the row says
-so). The angles of incidence and emission are known: they follow from the outline, the camera and the Sun's direction. The bound
-takes no texture for unknown beyond its 24 sectors, so no program can reach it in the row with texture. *Ratio*: root
-mean square error over bound, good to {{spread:.0%}} (one sigma). *Known*: error over the bound with the light of every
-pixel known, across and along the line of sight; *free*: with a step, an arch and a slope of light free in each sector.
-*Edges*: over section B2's closed form, with the points found, independent and with the scatter they have: it knows of
-nothing common to all points, which at full phase the laws and the blur are. *NEES*: normalised square error of the
-position, mean; 3 is expected, and the 95 % band of the mean is {{low:.2f}} to {{high:.2f}}. *Bias*, *scatter*: of the
-points found, from the exact limb, positive outside. *Circle*: CircleFinder and PixelLineConverter on the same images.
+so). The angles of incidence and emission are known: they follow from the outline, the camera and the Sun's direction.
+The bound takes no texture for unknown beyond its 24 sectors, so no program can reach it in the row with texture.
+*Ratio*: root mean square error over bound, good to {{spread:.0%}} (one sigma). *Known*: error over the bound with the
+light of every pixel known, across and along the line of sight; *free*: with a step, an arch and a slope of light free in
+each sector. *Edges*: over the closed form of independent edges, with the points found, independent and with the scatter they have:
+it knows of nothing common to all points, which at full phase the laws and the blur are. *NEES*: normalised square error
+of the position, mean; 3 is expected, and the 95 % band of the mean is {{low:.2f}} to {{high:.2f}}. *Bias*, *scatter*:
+of the points found, from the exact limb, positive outside. *Circle*: CircleFinder and PixelLineConverter on the same
+images.
 
 | radius (px) | phase, off axis, arc (deg) | light | found | across (km) | ratio | range (km) | ratio | NEES |
 known | free | edges | bias, scatter (px) | circle: across, range (km) | NEES |
@@ -174,7 +175,8 @@ def page(rows: list[Row]) -> str:
     """The page in Markdown."""
     runs = rows[0].runs
     low, high = (float(chi2.ppf(q, 3 * runs)) / runs for q in (0.025, 0.975))
-    head = HEAD.format(spread=1.0 / np.sqrt(2.0 * runs), low=low, high=high).replace("NEES |\nknown", "NEES | known")
+    head = HEAD.format(spread=1.0 / np.sqrt(2.0 * runs), low=low, high=high)
+    head = head.replace("NEES |\nknown", "NEES | known")
     lines = [head + "|---" * 15 + "|"]
     for r in rows:
         c, (across, along) = r.case, r.ratio

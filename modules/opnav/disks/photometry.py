@@ -4,8 +4,8 @@ At depth t behind the limb the cosines of emission and incidence are
 
     mu = sqrt(1 - (sin(rho - t) / sin(rho))^2),   mu0 = a sqrt(1 - mu^2) + b mu
 
-with rho the angular radius, a = s . p and b = -s . h; h is the ray along the limb, p the surface's normal there, s points
-to the Sun. The point-spread function is a Gaussian and the pixel's square, and the limb is curved.
+with rho the angular radius, a = s . p and b = -s . h; h is the ray along the limb, p the surface's normal there, and s
+points to the Sun. The point-spread function is a Gaussian and the pixel's square, and the limb is curved.
 """
 
 from __future__ import annotations

@@ -31,6 +31,7 @@ from modules.opnav.disks.photometry import (
     terminator,
 )
 from modules.opnav.disks.profile_kernel import CURVE, SKY, clip, eliminate, gather, look_up, restore
+from modules.opnav.disks.profile_points import points_of
 
 AROUND = 96
 """Azimuths at which the light is tabled."""
@@ -38,11 +39,11 @@ NODES = 24
 """Of the brightness along the limb."""
 CLIP = 5.0
 SLACK = 0.2
+"""Residuals beyond so many standard deviations, and this part of the light, are of no limb: stars, tracks."""
 CLIPPED = 0.01
 """Share of pixels at zero above which it is taken for the detector's limit."""
 SATURATED = 3.0
 """Standard deviations below the top of the image, above which pixels do not count."""
-MODES = 8
 ROUNDS = 10
 SETTLED = 0.05
 """Steps of the outline, in its standard deviations, at which it stays."""
@@ -60,7 +61,8 @@ SHARE_PRIOR = np.array([0.7, 0.04, 0.3, 0.5, 0.3, 0.5])
 point-spread function [px^4], and, where the pixels ask for it, of more laws."""
 SHARE_STEP = 0.2
 OVAL_PRIOR, SKY_PRIOR, BRIGHT_PRIOR = 0.004, 0.02, 0.4
-"""Standard deviations expected of the ovals beside a sphere's, of the sky's slope and of the brightness along the limb to its height."""
+"""Standard deviations expected: of the ovals beside a sphere's, and to the height of the light that of the sky's slope
+and of the brightness along the limb."""
 HELD = 1e9
 HELD_FROM = 4
 """From this round on the choice of pixels below saturation stays, for it would swing."""
@@ -160,8 +162,8 @@ class Problem:
         self.change[0] -= self.laws[0]
         used = np.unique(self.place.astype(np.int64))
         middle = self.laws[0] + SHARES[0] * self.change[0]
-        for c in self.change[1:]:
-            c -= (c[used] * middle[used]).sum() / (middle[used] ** 2).sum() * middle
+        like = (self.change[1:, used] * middle[used]).sum(axis=(1, 2)) / (middle[used] ** 2).sum()
+        self.change[1:] -= like[:, None, None] * middle
 
     def start(self, blur: float) -> Unknown:
         """Values to begin with."""
@@ -395,7 +397,7 @@ def measured(
         return None
     problem = Problem(band, e, view, noise, top, float(np.median(before.step)))
     found = fit(problem, problem.start(before.blur))
-    return None if found is None else _points(problem, *found)
+    return None if found is None else points_of(problem, *found)
 
 
 def fit(problem: Problem, u: Unknown) -> tuple[Unknown, F64] | None:
@@ -407,7 +409,7 @@ def fit(problem: Problem, u: Unknown) -> tuple[Unknown, F64] | None:
     found = _iterate(problem, u, True)
     if found is None:
         return None
-    u, P = found
+    u, _ = found
     grown = u._replace(share=np.append(u.share, SHARES[BASE:]))
     n = problem.normal(grown)
     if problem.gains(grown, n) < EVIDENCE:
@@ -444,66 +446,3 @@ def _iterate(problem: Problem, u: Unknown, learn: bool) -> tuple[Unknown, F64] |
 def _apart(a: Ellipse, b: Ellipse) -> float:
     """How far two ellipses are from each other [px]."""
     return max(math.hypot(a.x - b.x, a.y - b.y), abs(a.radius - b.radius))
-
-
-def _points(problem: Problem, u: Unknown, P: F64) -> Limb:
-    n = problem.normal(u)
-    band, e = problem.band, problem.e
-    K = n.K
-    a = K[:, 0] + problem.gain_sd**-2.0
-    information = np.maximum(K[:, 2] - K[:, 1] ** 2 / a, 1e-12)
-    push = n.k[:, 1] - K[:, 1] / a * (n.k[:, 0] - u.gain / problem.gain_sd**2)
-    shift = u.shift + push / information
-    pixels = np.bincount(band.cell, n.weight > 0.0, band.cells)
-    theta = (np.arange(band.cells) + 0.5) * (TURN / band.cells)
-    reach, nx, ny = e.at(theta)
-    x, y = e.x + reach * np.cos(theta), e.y + reach * np.sin(theta)
-    sigma = information**-0.5
-    cross = (n.V[:, 1] - (K[:, 1] / a)[:, None] * n.V[:, 0])[:, CURVE:] / information[:, None]
-    size = np.maximum(np.bincount(band.cell, np.abs(n.bright * n.shapes[1]), band.cells), 0.0)
-    step = size / np.maximum(np.bincount(band.cell, None, band.cells), 1) * 4.0
-    good = (pixels >= 5) & (sigma < 2.0) & (np.abs(shift) < 3.0 + 4.0 * sigma)
-    modes = cross @ np.linalg.cholesky(P[CURVE:, CURVE:])
-    own = np.hypot(sigma, problem.shift_sd)
-    inflation = _correlated(shift[good] / own[good], np.flatnonzero(good))
-    found = Limb(
-        x + nx * shift,
-        y + ny * shift,
-        own * inflation,
-        np.arange(band.cells) * band.sectors // band.cells,
-        np.zeros(band.sectors),
-        step,
-        u.blur,
-        modes * inflation,
-    ).pick(good)
-    return _fewer(found)
-
-
-def _correlated(e: F64, cell: NDArray[np.int64]) -> float:
-    """Factor on standard deviations for neighbours that err together, from normalised residuals (n,)."""
-    n = len(e)
-    if n < 30:
-        return 1.0
-    e = np.clip(e, -4.0, 4.0)
-    square = max(float(e @ e) / max(n - CURVE, 1), 1.0)
-    total = 1.0
-    for lag in range(1, n // 10):
-        near = (cell[lag:] - cell[:-lag]) == lag
-        if near.sum() < 20:
-            break
-        r = float((e[lag:] * e[:-lag])[near].mean()) / float((e @ e) / n)
-        if r < 2.0 / math.sqrt(float(near.sum())):
-            break
-        total += 2.0 * r
-    return math.sqrt(square * total)
-
-
-def _fewer(limb: Limb) -> Limb:
-    """The strongest of the modes; what the others do goes to the points' own deviations."""
-    u, s, _ = np.linalg.svd(limb.modes / limb.sigma[:, None], full_matrices=False)
-    modes = u[:, :MODES] * s[:MODES] * limb.sigma[:, None]
-    rest = np.maximum((limb.modes**2).sum(axis=1) - (modes**2).sum(axis=1), 0.0)
-    total = (modes**2).sum(axis=1)
-    count = np.maximum(np.bincount(limb.sector, None, len(limb.common)), 1)
-    common = np.sqrt(np.bincount(limb.sector, total, len(limb.common)) / count)
-    return limb._replace(modes=modes, sigma=np.sqrt(limb.sigma**2 + rest), common=common)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fsw import s
 from messages.base import F64
 from messages.environment import PlanetOrientationMsg
-from messages.opnav import CameraConfigMsg, OpNavMsg
+from messages.opnav import MAX_LIMB, MAX_MODES, CameraConfigMsg, OpNavMsg
 from modules.opnav import relative
 from modules.opnav.basilisk import body_of
 from modules.opnav.horizon_nav import HorizonNav
@@ -340,3 +340,23 @@ def test_shift_that_all_points_share() -> None:
     slope = (found[2].r_CP_C - found[3].r_CP_C) / 0.02
     added = found[1].P_rr_C - found[0].P_rr_C
     np.testing.assert_allclose(added, 0.05**2 * np.outer(slope, slope), rtol=1e-3, atol=1e-4 * np.max(np.abs(added)))
+
+
+def test_shifts_that_go_together() -> None:
+    """A column of `modes_px` adds the change of the position when each point is moved outward by its part of it."""
+    scene = Scene(SPHERE, 150.0, 10.0, 60.0, 4)
+    nav, feed = scene.module()
+    n = len(scene.exact)
+    modes = np.zeros((MAX_LIMB, MAX_MODES))
+    modes[:n, 2] = 0.05 * np.sin(np.arange(n) / 9.0)
+    found: list[OpNavMsg] = []
+    for shift, stated in ((0.0, 0.0), (0.0, 1.0), (0.1, 0.0), (-0.1, 0.0)):
+        points = scene.exact + shift * modes[:n, 2:3] * scene.normal
+        feed.write(limb_message(points, SIGMA, modes_px=stated * modes), 0)
+        nav.step(0)
+        message = nav.out_position.latest()
+        assert message is not None and message.valid
+        found.append(message)
+    slope = (found[2].r_CP_C - found[3].r_CP_C) / 0.2
+    added = found[1].P_rr_C - found[0].P_rr_C
+    np.testing.assert_allclose(added, np.outer(slope, slope), rtol=2e-3, atol=1e-3 * np.max(np.abs(added)))
