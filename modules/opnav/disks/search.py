@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from messages.base import F64
 from modules.opnav.disks.checks import surroundings
-from modules.opnav.disks.coarse import CUT, Light, Rays, all_within, lit, settle
+from modules.opnav.disks.coarse import CUT, HEAD_ON, Light, Rays, all_within, lit, settle
 from modules.opnav.disks.ellipse import Ellipse
 from modules.opnav.disks.grey import F32, to_grey
 from modules.opnav.disks.limb import Limb, limb_points
@@ -46,6 +46,10 @@ MAX_SCATTER_PX = 0.7
 """Points may scatter by this and this share of the radius (relief), or by 2.5 times what noise does, up to this."""
 MAX_SIGMA = 0.045
 """Largest standard deviation of a radius, to the radius: where a line would do as well, there is no disk."""
+BLOOM_PX = 1.0
+"""Standard deviation of a saturated limb's place: a Gaussian blur of 0.7 px, four times over, moves it by 0.8 px."""
+SATURATED, BLOOM_SHARE, BEHIND_PX = 0.99, 0.2, 3.0
+"""Of the top value, for this share of the points, so far behind the limb [px]."""
 WHOLE_ARC = math.radians(75.0)
 """Least limb of a disk that the frame does not cut off."""
 CUT_SIGMA = 0.12
@@ -217,11 +221,29 @@ def _measured(search: Search, e: Ellipse, seen: Rays, light: Light, votes: int) 
     model = np.hypot(limb.common, SECTOR_PX * (7.0 / lit_px) ** 2)
     shared = np.sqrt(np.bincount(limb.sector)[limb.sector]) * model[limb.sector]
     limb = limb._replace(sigma=np.hypot(limb.sigma * fitted.scale, shared))
-    return Disk(e, fitted.oval, fitted.P, limb, arc, rms, light, votes)
+    return Disk(e, fitted.oval, fitted.P + _bloom(search, e, limb, light), limb, arc, rms, light, votes)
+
+
+def _bloom(search: Search, e: Ellipse, limb: Limb, light: Light) -> F64:
+    """Covariance (5, 5) that saturation adds: where the light behind a limb is cut off, so is half of its height.
+
+    The limb then looks farther out, most where the disk is brightest, so towards the Sun; by how much depends on light
+    that is not in the image.
+    """
+    added = np.zeros((5, 5))
+    _, nx, ny = e.distance(limb.x, limb.y)
+    rows, columns = search.values.shape
+    x = np.clip(np.rint(limb.x - BEHIND_PX * nx).astype(np.int64), 0, columns - 1)
+    y = np.clip(np.rint(limb.y - BEHIND_PX * ny).astype(np.int64), 0, rows - 1)
+    if (search.values[y, x] >= SATURATED * search.top).mean() > BLOOM_SHARE:
+        way = np.array([math.cos(light.azimuth), math.sin(light.azimuth)])
+        added[:2, :2] = BLOOM_PX**2 * (np.outer(way, way) if light.contrast >= HEAD_ON else np.eye(2))
+        added[2, 2] = BLOOM_PX**2
+    return added
 
 
 def _known(search: Search, e: Ellipse, seen: Rays, light: Light, limb: Limb) -> tuple[Limb, Outline] | None:
-    """Points by the light that the directions of Sun and camera let expect; None if they are not known, or do not fit."""
+    """Points by the light that Sun and camera let expect; None if these are not known, or the points do not fit."""
     if search.options.view is None:
         return None
     azimuths, depths = _usable(search.smooth, e, seen, light)

@@ -82,3 +82,16 @@ def test_light_beyond_an_outline() -> None:
     status, disks = find_disks(scenes.exposed(light * bright, rng, level=120.0))
     assert status == DiskStatus.FOUND
     assert np.abs(np.array(disks[0].ellipse[:3]) - (201.3, 195.8, 147.0)).max() < 0.6
+
+
+def test_saturated_limb() -> None:
+    """Four times too bright: the limb looks farther out, and sigma says so."""
+    rng = np.random.default_rng(4)
+    light = scenes.lit_disk((300, 300), (151.2, 148.9), 80.0, 60.0, 200.0, "lunar")
+    _, (clear,) = find_disks(scenes.exposed(light, rng, level=180.0))
+    _, (bright,) = find_disks(scenes.exposed(light, rng, level=900.0))
+    error = np.abs(np.array(bright.ellipse[:3]) - (151.2, 148.9, 80.0))
+    sigma = np.sqrt(np.diag(bright.P)[:3])
+    assert error.max() > 0.3  # so it does
+    assert (error < 3.0 * sigma).all()
+    assert math.sqrt(clear.P[2, 2]) < 0.5 < sigma[2]
