@@ -13,8 +13,10 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import closed_loop, dispatch, filters, modules, start
+from benchmarks import closed_loop, dispatch, filters, modules, start, vision_disks
 from benchmarks.timing import Figure, Line
+
+PARTS = "all", "framework", "truth", "filters", "vision"
 
 
 class Report(msgspec.Struct, frozen=True):
@@ -68,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scale", type=float, default=1.0, help="of the number of ticks; 0.01 for a quick trial")
     parser.add_argument("--no-start", action="store_true", help="leave out the starts, which take most of the time")
     parser.add_argument("--quick", action="store_true", help="as --no-start --repeats 3 --scale 0.1")
-    parser.add_argument("--only", choices=("all", "framework", "truth", "filters"), default="all", help="which part")
+    parser.add_argument("--only", choices=PARTS, default="all", help="which part")
     given = parser.parse_args(arguments)
     if given.quick:
         given.no_start, given.repeats, given.scale = True, 3, 0.1
@@ -81,6 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     lines: list[Line] = []
     agreement: dict[str, dict[str, float]] = {}
     differences: list[modules.Difference] = []
+    disks: list[tuple[str, dict[str, vision_disks.Result]]] = []
     with console.status("") as status:
         if given.only in ("all", "framework"):
             status.update("dispatch")
@@ -100,12 +103,20 @@ def main(arguments: list[str] | None = None) -> int:
         if given.only in ("all", "filters"):
             status.update("filters")
             lines += filters.measure(given.repeats, given.scale, basilisk=basilisk)
+        if given.only in ("all", "vision"):
+            status.update("disks in images")
+            disks = vision_disks.measure(given.repeats, basilisk_too=vision_disks.installed())
         if given.only in ("all", "framework") and not given.no_start:
             status.update("start")
             lines += start.measure(given.repeats, basilisk=basilisk)
     machine, cores = platform.processor() or platform.machine(), os.cpu_count() or 1
     report = Report(machine, cores, platform.python_version(), lines, agreement, differences)
-    console.print(table(report))
+    if lines:
+        console.print(table(report))
+    if disks:
+        console.print(vision_disks.table(disks))
+        if not given.quick:
+            vision_disks.write(disks, f"{machine}, {cores} cores, Python {report.python}")
     if agreement:
         console.print(f"Both sides without noise after {closed_loop.AGREE_TICKS} ticks of 0.1 s, greatest difference:")
     for case, found in agreement.items():
