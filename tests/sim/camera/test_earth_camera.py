@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -172,3 +175,37 @@ def test_snapshot_goes_on_alike(maps: GeoMap) -> None:
         pictures.append(message.image.copy())
         sim.restore(snapshot)
     assert np.array_equal(*pictures)
+
+
+def test_without_compilation() -> None:
+    """A tiny picture of the same scene by a process that compiles nothing: the same to a grey level."""
+    program = """
+import numpy as np, sys, tempfile
+from pathlib import Path
+from fsw.imaging.maps import GeoMap
+from fsw.math.compiled import COMPILE
+from sim.camera.earth_camera import EarthCameraParams, EarthRenderer
+from tests.sim.camera.earth_rig import camera, dots, ecef, looking, write_map
+LAT, LON = (a.ravel() for a in np.meshgrid(np.linspace(48.0, 49.0, 3), np.linspace(2.3, 3.7, 3)))
+image, transform = dots(LON, LAT, 0.01, 2.5)
+with tempfile.TemporaryDirectory() as folder:
+    maps = GeoMap.open([write_map(Path(folder) / "dots.tif", image, "EPSG:4326", transform)])
+    for interpolated in (False, True):
+        made = EarthRenderer(camera(60.0, 24, 16), maps, EarthCameraParams(interpolated=interpolated), workers=1)
+        light = made.render(looking(48.5, 3.0, 420e3, 20.0, 30.0), ecef(48.0, 10.0)).radiance
+        print(COMPILE, *np.round(255.0 * light.ravel(), 3).tolist())
+"""
+    pictures: list[list[float]] = []
+    for switch in ("0", "1"):
+        environment = {**os.environ, "FSW_COMPILE": switch, "PYTHONPATH": os.pathsep.join(p or "." for p in sys.path)}
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        lines = [line.split() for line in done.stdout.splitlines()]
+        assert [line[0] for line in lines] == [str(switch == "1")] * 2
+        pictures += [[float(x) for x in line[1:]] for line in lines]
+    plain_rays, plain_grid, rays, grid = (np.array(p) for p in pictures)
+    assert rays.size == 24 * 16 * 3 and rays.std() > 1.0
+    np.testing.assert_allclose(plain_rays, rays, atol=0.01)
+    np.testing.assert_allclose(plain_grid, grid, atol=0.01)
