@@ -23,10 +23,6 @@ from numba.core.typed_passes import NativeLowering
 class Part(JITCodeLibrary):
     """One function, neither linked nor made machine code."""
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        """Leave that for the whole."""
-        ll_module.data_layout = self._codegen._data_layout
-
     def finalize(self) -> None:
         """Nothing more can be added; what it calls stays apart."""
         self._raise_if_finalized()
@@ -71,6 +67,9 @@ class Part(JITCodeLibrary):
         """Object code of ``symbol`` in ``more`` text and all that it calls; names that it wants from outside."""
         self._final_module = module = self.whole("internal", more, symbol)
         self._optimize_final_module()
+        # Counts of references that cancel out show only after all is merged; without them a start loads no numba
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, cost="cheap")
+        passes.run(module, builder)
         declared = [x.name for group in (module.functions, module.global_variables) for x in group if x.is_declaration]
         return machine.emit_object(module), [name for name in declared if not name.startswith("llvm.")]
 
