@@ -63,7 +63,8 @@ def locate_arguments(made: argparse.ArgumentParser) -> None:
     made.description = (
         "Find where a photo of the Earth was taken, by the landmarks in it. Without a\n"
         "place, the camera is taken to be over the middle of the map, looking down.\n"
-        "The exit code is 1 if nothing is sure."
+        "The exit code is 1 if nothing is sure. The landmarks of a map are kept in the\n"
+        "user's cache folder (or FSW_CACHE_DIR) and are made again if its content changes."
     )
     made.add_argument("photo", type=Path, metavar="PHOTO", help="PNG, TIFF, JPEG or the like, 8 or 16 bit")
     made.add_argument(
@@ -90,7 +91,7 @@ def locate_arguments(made: argparse.ArgumentParser) -> None:
     made.add_argument("--tle", type=Path, metavar="FILE", help="instead of a place: two-line elements")
     made.add_argument("--utc", metavar="TIME", help="with --tle: such as 2023-05-05T03:28:50")
     made.add_argument("--json", action="store_true", help="print JSON")
-    made.add_argument("--overlay", type=Path, metavar="FILE", help="draw landmarks and a grid, as PNG")
+    made.add_argument("--overlay", type=Path, metavar="FILE", help="draw landmarks, grid and map, as PNG")
 
 
 def grey_image(path: Path) -> NDArray[np.uint8]:
@@ -296,5 +297,5 @@ def geolocate(args: argparse.Namespace) -> int:
         (json.dumps(found.report, indent=2) if args.json else locate_text(args.photo, found.report)) + "\n"
     )
     if args.overlay is not None:
-        save(args.overlay, action.draw(grey, camera, found.tracked))
+        save(args.overlay, action.draw(grey, camera, found.tracked, maps))
     return 0

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.imaging.maps import GeoMap
+from fsw.imaging.maps import GeoMap, MapError
 from fsw.math.camera import lens_vector, project
 from fsw.math.geodesy import A, ecef_from_geodetic, geodetic_from_ecef
 from messages.base import F64
@@ -24,13 +24,14 @@ from modules.opnav.landmark_catalogue import (
     Catalogue,
     CatalogueError,
     Region,
-    build_catalogue,
+    kept_catalogue,
     read_catalogue,
     region_of,
 )
 from modules.opnav.landmark_catalogue.build import map_gsd
 from modules.opnav.landmark_catalogue.catalogue import ground_circle
 from modules.opnav.landmark_finder.acquire import acquire
+from modules.opnav.landmark_finder.render import render_view
 from modules.opnav.landmark_finder.search import Pose
 
 CV: Any = cv2
@@ -38,6 +39,8 @@ WIDE_RAD = 0.6
 """Photos of a wider field are looked for in a rendered view first."""
 ACQUIRED = np.diag([5e3**2] * 3 + [2e-3**2] * 3)
 """Covariance of a pose from that."""
+GREEN, RED, CYAN, ORANGE, PALE = (80, 255, 80), (60, 60, 255), (200, 200, 0), (0, 150, 255), (255, 255, 120)
+"""Blue, green, red."""
 MAP_SHARE = 0.5
 """Without a height, the photo is taken to be this part of the map wide."""
 
@@ -130,18 +133,24 @@ def open_maps(files: Sequence[Path], dem: Path | None) -> GeoMap | Catalogue:
 
 
 def region_around(lens: F64, shape: tuple[int, int], guess: Guess, map_region: Region) -> Region | None:
-    """Part of the map's region that a camera may see within 3 sigma; None if it is nothing."""
+    """Part of the map's region that a camera may see within 3 sigma; None if it is nothing.
+
+    Rounded outwards, so that photos from near by share it.
+    """
     middle, radius = ground_circle(lens, shape, guess.pose.r_CE_E, guess.pose.dcm_CE, 0.0)
     lat, lon, height = geodetic_from_ecef(*guess.pose.r_CE_E.tolist())
     radius += 3.0 * math.sqrt(guess.P_pose[0, 0]) + 6.0 * height * math.sqrt(guess.P_pose[3, 3])
     lat, lon, _ = geodetic_from_ecef(*middle.tolist())
     reach = radius / A
-    south, north = max(lat - reach, map_region.south), min(lat + reach, map_region.north)
+    step = 2.0 ** math.floor(math.log2(0.5 * reach))
+    south, north = step * math.floor((lat - reach) / step), step * math.ceil((lat + reach) / step)
+    south, north = max(south, map_region.south), min(north, map_region.north)
     cosine = math.cos(min(abs(lat) + reach, math.pi / 2.0))
     width = math.pi if cosine < 1e-3 else min(reach / cosine, math.pi)
     middle_lon = 0.5 * (map_region.west + map_region.east)
     lon = middle_lon + math.remainder(lon - middle_lon, 2.0 * math.pi)
-    west, east = max(lon - width, map_region.west), min(lon + width, map_region.east)
+    west, east = step * math.floor((lon - width) / step), step * math.ceil((lon + width) / step)
+    west, east = max(west, map_region.west), min(east, map_region.east)
     return Region(south, west, north, east) if south < north and west < east else None
 
 
@@ -155,8 +164,9 @@ def catalogue_for(
     middle, _ = ground_circle(lens, shape, guess.pose.r_CE_E, guess.pose.dcm_CE, 0.0)
     pixel = float(np.linalg.norm(middle - guess.pose.r_CE_E)) / math.sqrt(lens[0] * lens[1])
     finest = min(map_gsd(layer, region_of(layer)) for layer in maps.layers)
+    gsd = finest * 2.0 ** (0.25 * math.floor(4.0 * math.log2(max(1.0, 0.9 * pixel / finest))))
     try:
-        return build_catalogue(maps, region, max(finest, 0.9 * pixel), levels=3, detector=detector)
+        return kept_catalogue(maps, region, gsd, 3, detector)
     except CatalogueError:
         return None
 
@@ -214,20 +224,57 @@ def report_of(camera: CameraConfigMsg, tracked: Tracked) -> dict[str, Any]:
     }
 
 
-def draw(photo: NDArray[np.uint8], camera: CameraConfigMsg, tracked: Tracked) -> NDArray[np.uint8]:
-    """The photo with landmarks (green) and a grid of latitude and longitude (cyan), in OpenCV's order of colours."""
+def draw(
+    photo: NDArray[np.uint8], camera: CameraConfigMsg, tracked: Tracked, maps: GeoMap | Catalogue
+) -> NDArray[np.uint8]:
+    """The photo with what was found, in OpenCV's order of colours.
+
+    Landmarks that were matched (green), those looked for and not matched or rejected (red), a grid of latitude and
+    longitude (cyan) and, where a map is given, its strong edges - coasts, rivers - where the pose puts them (orange).
+    """
     canvas = CV.cvtColor(photo, cv2.COLOR_GRAY2BGR)
     lens, fit = lens_vector(camera), tracked.fit
-    edge = np.array(
-        [[x, y] for x in np.linspace(0, camera.width_px - 1, 9) for y in np.linspace(0, camera.height_px - 1, 9)]
-    )
-    ground = np.degrees(ground_points(lens, fit.r_CE_E, fit.dcm_CE, edge)[:, :2])
+    size = max(0.4, photo.shape[1] / 2400)
+    if isinstance(maps, GeoMap):
+        _draw_edges(canvas, maps, lens, fit.r_CE_E, fit.dcm_CE)
+    _draw_grid(canvas, lens, fit.r_CE_E, fit.dcm_CE, size)
+    radius = round(16 * 10 * size)
+    missed = np.empty((len(tracked.r_missed_E), 2))
+    project(lens, (tracked.r_missed_E - fit.r_CE_E) @ fit.dcm_CE.T, missed)
+    for u, v in np.rint(16 * missed[(np.abs(missed) < 1e4).all(axis=1)]).astype(int).tolist():
+        d = radius // 2
+        for x, y in ((d, d), (d, -d)):
+            CV.line(canvas, (u - x, v - y), (u + x, v + y), RED, 1, cv2.LINE_AA, 4)
+    for u, v in np.rint(16 * tracked.found.seen).astype(int).tolist():
+        CV.circle(canvas, (u, v), radius, GREEN, 1, cv2.LINE_AA, 4)
+    names = [(GREEN, f"{len(tracked.P_px)} matched"), (RED, f"{len(missed)} not matched or rejected"), (CYAN, "grid")]
+    names += [(ORANGE, "edges of the map")] if isinstance(maps, GeoMap) else []
+    _draw_legend(canvas, names, size)
+    return canvas
+
+
+def _draw_edges(canvas: NDArray[np.uint8], maps: GeoMap, lens: F64, r_CE_E: F64, dcm_CE: F64) -> None:
+    try:
+        view = render_view(maps, lens, (canvas.shape[0], canvas.shape[1]), r_CE_E, dcm_CE)
+    except MapError:
+        return
+    smooth = CV.GaussianBlur(view.image, (0, 0), 3.0)
+    dx, dy = CV.Sobel(smooth, cv2.CV_16S, 1, 0), CV.Sobel(smooth, cv2.CV_16S, 0, 1)
+    strong = float(np.percentile(np.hypot(dx, dy)[view.mask], 94.0))
+    lines = CV.Canny(dx, dy, 0.5 * strong, strong, L2gradient=True) > 0
+    lines &= CV.erode(view.mask.astype(np.uint8), np.ones((13, 13), np.uint8)) > 0
+    canvas[lines] = ORANGE
+
+
+def _draw_grid(canvas: NDArray[np.uint8], lens: F64, r_CE_E: F64, dcm_CE: F64, size: float) -> None:
+    rows, columns = canvas.shape[:2]
+    edge = np.array([[x, y] for x in np.linspace(0, columns - 1, 9) for y in np.linspace(0, rows - 1, 9)])
+    ground = np.degrees(ground_points(lens, r_CE_E, dcm_CE, edge)[:, :2])
     ground = ground[np.isfinite(ground).all(axis=1)]
     lon0 = float(ground[0, 1])
     ground[:, 1] = lon0 + np.remainder(ground[:, 1] - lon0 + 180.0, 360.0) - 180.0
     (south, west), (north, east) = ground.min(axis=0), ground.max(axis=0)
     step = _nice(max(north - south, (east - west) * math.cos(math.radians(0.5 * (south + north)))) / 5.0)
-    size = max(0.4, photo.shape[1] / 2400)
     along_lat, along_lon = south + (north - south) * np.arange(60.0) / 59, west + (east - west) * np.arange(60.0) / 59
     lines = [(_degrees(lat, "NS"), 0.0 * along_lon + lat, along_lon) for lat in _ticks(south, north, step)]
     lines += [(_degrees(lon, "EW"), along_lat, 0.0 * along_lat + lon) for lon in _ticks(west, east, step)]
@@ -235,18 +282,26 @@ def draw(photo: NDArray[np.uint8], camera: CameraConfigMsg, tracked: Tracked) ->
         both: list[list[float]] = np.radians(np.column_stack([lats, lons])).tolist()
         places = np.array([ecef_from_geodetic(a, b, 0.0) for a, b in both])
         pixel = np.empty((60, 2))
-        project(lens, (places - fit.r_CE_E) @ fit.dcm_CE.T, pixel)
+        project(lens, (places - r_CE_E) @ dcm_CE.T, pixel)
         shown = (np.abs(pixel) < 1e4).all(axis=1)
-        CV.polylines(canvas, [np.rint(16 * pixel[shown]).astype(np.int32)], False, (200, 200, 0), 1, cv2.LINE_AA, 4)
-        inside = np.flatnonzero(
-            shown & (pixel > 25).all(axis=1) & (pixel < np.array(photo.shape[::-1]) - 70).all(axis=1)
-        )
+        CV.polylines(canvas, [np.rint(16 * pixel[shown]).astype(np.int32)], False, CYAN, 1, cv2.LINE_AA, 4)
+        inside = np.flatnonzero(shown & (pixel > 25).all(axis=1) & (pixel < [columns - 70, rows - 70]).all(axis=1))
         if len(inside):
             x, y = np.rint(pixel[inside[len(inside) // 8]]).astype(int).tolist()
-            CV.putText(canvas, name, (x + 3, y - 4), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 120), 1, cv2.LINE_AA)
-    for u, v in np.rint(16 * tracked.found.seen).astype(int).tolist():
-        CV.circle(canvas, (u, v), round(16 * 10 * size), (80, 255, 80), 1, cv2.LINE_AA, 4)
-    return canvas
+            CV.putText(canvas, name, (x + 3, y - 4), cv2.FONT_HERSHEY_SIMPLEX, size, PALE, 1, cv2.LINE_AA)
+
+
+def _draw_legend(canvas: NDArray[np.uint8], names: list[tuple[tuple[int, int, int], str]], size: float) -> None:
+    """Names in their colours, on a dark ground in the lower left corner."""
+    font, line = cv2.FONT_HERSHEY_SIMPLEX, round(36 * size)
+    width = max(CV.getTextSize(text, font, size, 1)[0][0] for _, text in names) + line
+    top = canvas.shape[0] - line * len(names) - line // 2
+    box = canvas[max(top, 0) :, : width + line // 2]
+    box[:] = (0.35 * box).astype(np.uint8)
+    for k, (colour, text) in enumerate(names):
+        y = top + line * k + line
+        CV.circle(canvas, (line // 2, y - line // 4), line // 5, colour, -1, cv2.LINE_AA)
+        CV.putText(canvas, text, (line, y), font, size, (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def _degrees(value: float, ends: str) -> str:

@@ -84,16 +84,19 @@ class Stopwatch:
     def __init__(self) -> None:
         """Start at nothing."""
         self.spent: dict[str, float] = {}
-        self._since = time.perf_counter()
+        self.used: dict[str, float] = {}
+        """Processor time of all threads."""
+        self._since = time.perf_counter(), time.process_time()
 
     def start(self) -> None:
         """Begin a stage."""
-        self._since = time.perf_counter()
+        self._since = time.perf_counter(), time.process_time()
 
     def stop(self, stage: str) -> None:
         """End it, and begin the next."""
-        now = time.perf_counter()
-        self.spent[stage] = self.spent.get(stage, 0.0) + now - self._since
+        now = time.perf_counter(), time.process_time()
+        for total, end, begin in zip((self.spent, self.used), now, self._since, strict=True):
+            total[stage] = total.get(stage, 0.0) + end - begin
         self._since = now
 
 

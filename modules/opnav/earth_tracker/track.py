@@ -22,6 +22,10 @@ FINE_REACH_PX = 24
 """Errors of the expected pose beyond this take a coarse search first."""
 COARSE = ((2, 48, 120), (4, 96, 520), (2, 96, 240))
 """Coarse searches, in their order: pixels how many times as large; least and largest half-width of the search [px]."""
+TURN_RAD = 0.1
+"""If the turn about the boresight is less certain than this, turns are tried,"""
+TURNS = 36
+"""so many of them: edges correlate to some 6 degrees."""
 AFTER_PX = 12
 """Half-width of the search after another one has found the pose."""
 LAST_PX = 5
@@ -39,6 +43,9 @@ MIN_MIDDLE = 0.5
 VEILS = ((0.0, 0.28), (0.3, 0.35), (0.7, 0.6), (1.3, 0.8), (2.0, 1.0), (5.0, np.inf))
 """A match is under cloud if it is brighter than the map says by more than the first number (in standard deviations of
 all matches) and has less than the second of their median contrast."""
+MIN_CLEAR = 0.03
+"""So is one whose contrast over brightness is less than this part of the map's: three quarters of cloud leave a quarter
+of the contrast and more than double the brightness, and haze and tone curve leave some third of the rest."""
 FLOOR_PX = 0.03
 """Standard deviation of what interpolation and quantisation leave, added to every match."""
 MAX_SIGMA_PX = 1.0
@@ -58,7 +65,7 @@ class Params(NamedTuple):
     most: int = 160
     min_score: float = 0.3
     min_lead: float = 0.05
-    sigma_map: float = 0.0
+    sigma_map: float = 0.2
 
 
 class Tracked(NamedTuple):
@@ -73,10 +80,12 @@ class Tracked(NamedTuple):
     """Matches before the consensus."""
     fit: Resection
     """The pose that they fix."""
+    r_missed_E: F64
+    """(m, 3) [m], of those looked for that did not pass."""
 
 
 def veiled(fine: Fine) -> NDArray[np.bool_]:
-    """Which matches lie under cloud: brighter and flatter than the others, given the map."""
+    """Which matches lie under cloud: brighter and flatter than the others, or than any ground, given the map."""
     rows = np.column_stack([np.ones(len(fine.level)), fine.level[:, 1]])
     weight, error, spread = np.ones(len(rows)), fine.level[:, 0], 1.0
     for _ in range(10):  # a line through the levels of map and photo, robust
@@ -85,7 +94,8 @@ def veiled(fine: Fine) -> NDArray[np.bool_]:
         spread = 1.4826 * float(np.median(np.abs(error))) + 1e-9
         weight = (1.0 + (error / spread) ** 2) ** -0.25
     brighter, contrast = error / spread, fine.contrast / np.median(fine.contrast)
-    return np.any([(brighter > b) & (contrast < c) for b, c in VEILS], axis=0)
+    clear = fine.contrast * (fine.level[:, 1] + 1.0) / (fine.level[:, 0] + 1.0)
+    return np.any([(brighter > b) & (contrast < c) for b, c in VEILS], axis=0) | (clear < MIN_CLEAR)
 
 
 class Tracker:
@@ -116,8 +126,11 @@ class Tracker:
         if reach <= FINE_REACH_PX:
             ways.append(lambda: self._step(start, 1, max(8, int(np.ceil(reach)))))
         for coarse, least, largest in COARSE:
-            if reach <= largest:
-                ways.append(functools.partial(self._step, start, coarse, max(least, int(np.ceil(reach)))))
+            if reach <= 2.0 * largest:  # a window that covers half of it is worth a try: the rest takes seconds
+                window = min(max(least, int(np.ceil(reach))), largest)
+                ways.append(functools.partial(self._step, start, coarse, window))
+        if P_pose[5, 5] > TURN_RAD**2:
+            ways.append(lambda: self._turned(start))
         ways.append(lambda: self._cold(start, P_pose))
         for number, way in enumerate(ways):
             pose = way()
@@ -126,6 +139,18 @@ class Tracker:
             tracked = None if pose is None else self._last(pose)
             if tracked is not None:
                 return tracked
+        return None
+
+    def _turned(self, start: Pose) -> Pose | None:
+        """A coarse search for every turn about the boresight."""
+        coarse, _, window = COARSE[1]
+        for k in range(1, TURNS):
+            c, s = np.cos(2.0 * np.pi * k / TURNS), np.sin(2.0 * np.pi * k / TURNS)
+            turned = Pose(start.r_CE_E, np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ start.dcm_CE)
+            pose = self._step(turned, coarse, window)
+            pose = None if pose is None else self._step(pose, coarse, 60) or self._step(pose, 1, 2 * AFTER_PX)
+            if pose is not None:
+                return pose
         return None
 
     def _cold(self, start: Pose, P_pose: F64) -> Pose | None:
@@ -189,7 +214,7 @@ class Tracker:
             fine = look.refine(templates, found.pick(agree), which[agree])
             if len(fine.middle) < MIN_AGREE:
                 return None
-            tracked = self._gate(look, fine, total, pose)
+            tracked = self._gate(look, fine, templates.mark, total, pose)
             if tracked is None:
                 return None
             moved = self._moved(look, pose, tracked)
@@ -198,13 +223,9 @@ class Tracker:
             pose = Pose(tracked.fit.r_CE_E, tracked.fit.dcm_CE)
         return None
 
-    def _gate(self, look: Look, fine: Fine, total: int, pose: Pose) -> Tracked | None:
+    def _gate(self, look: Look, fine: Fine, wanted: NDArray[np.int64], total: int, pose: Pose) -> Tracked | None:
         """Drop what is uncertain or under cloud, and what disagrees with the pose beyond its covariance."""
-        marks = self.catalogue.landmarks
-        size = np.sqrt(look.lens[0] * look.lens[1])
-        away = np.linalg.norm(marks.r_LE_E[fine.found.mark] - pose.r_CE_E, axis=1)
-        extra = FLOOR_PX**2 + (self.params.sigma_map * size / away) ** 2
-        P_px = fine.P_px + extra[:, None, None] * np.eye(2)
+        P_px = fine.P_px + FLOOR_PX**2 * np.eye(2)
         sigma = np.sqrt(0.5 * np.trace(P_px, axis1=1, axis2=2))
         keep = np.flatnonzero((fine.middle >= MIN_MIDDLE) & (sigma <= MAX_SIGMA_PX) & ~veiled(fine))
         usable, grow, fit = len(keep), 1.0, None
@@ -225,7 +246,13 @@ class Tracker:
             keep = keep[inside]
         if fit is None or len(keep) < max(MIN_AGREE, MIN_RIGHT * usable) or len(keep) != len(fit.inlier):
             return None
-        return Tracked(fine.found.pick(keep), marks.r_LE_E[fine.found.mark[keep]], grow * P_px[keep], total, fit)
+        places = self.catalogue.landmarks.r_LE_E[fine.found.mark[keep]]
+        # what the map errs by is mostly the same for all landmarks, so that the pose takes it up and the gates see none
+        away = np.linalg.norm(places - fit.r_CE_E, axis=1)
+        shift_px = self.params.sigma_map * self.catalogue.gsd * np.sqrt(look.lens[0] * look.lens[1]) / away
+        P_map = shift_px[:, None, None] ** 2 * np.eye(2)
+        missed = self.catalogue.landmarks.r_LE_E[np.setdiff1d(wanted, fine.found.mark[keep])]
+        return Tracked(fine.found.pick(keep), places, grow * P_px[keep] + P_map, total, fit, missed)
 
     @staticmethod
     def _moved(look: Look, before: Pose, tracked: Tracked) -> float:

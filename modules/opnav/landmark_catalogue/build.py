@@ -30,8 +30,13 @@ MARGIN = CHIP // 2 + 16
 WINDOW = 33
 """The texture of a place is summed over this many rows and columns: those that a tracker will match."""
 BLUR_PX = 1.0
-WORST_SIGMA = 0.1
-"""Largest Cramer-Rao bound in the worst direction, pixels per grey level of noise: the sea is above it."""
+MIDDLE = 11
+"""The innermost part of that, which must have texture of its own: a place at sea may have a coast near by."""
+WORST_SIGMA = 0.04
+"""Largest Cramer-Rao bound in the worst direction, pixels per grey level of noise: 5 levels are 0.2 px. What
+compression leaves of the open sea is above it."""
+MIDDLE_SIGMA = 0.05
+"""Largest bound of the middle, both directions together."""
 FEATURES_PER_CELL = 4
 
 
@@ -185,17 +190,19 @@ def _heights(grid: HeightGrid, lat: F64, lon: F64) -> F64:
     return np.nan_to_num([height_at(*grid, a, b) for a, b in zip(lat.tolist(), lon.tolist(), strict=True)], nan=0.0)
 
 
-def texture(grey: NDArray[np.uint8]) -> tuple[F64, F64]:
+def texture(grey: NDArray[np.uint8]) -> tuple[F64, F64, F64]:
     """Cramer-Rao bounds of a match in its best and its worst direction, pixels per grey level of white noise.
 
     The inverse square roots of the eigenvalues of the sum of the gradient's products over a window of WINDOW pixels
-    (Foerstner 1982; as a measure of corners, Shi and Tomasi 1994).
+    (Foerstner 1982; as a measure of corners, Shi and Tomasi 1994). The third is that of their trace over MIDDLE pixels.
     """
     smooth = CV.GaussianBlur(grey.astype(np.float32), (0, 0), BLUR_PX)
     dx, dy = CV.Sobel(smooth, -1, 1, 0, scale=0.125), CV.Sobel(smooth, -1, 0, 1, scale=0.125)
     xx, xy, yy = (CV.boxFilter(p, cv2.CV_64F, (WINDOW, WINDOW), normalize=False) for p in (dx * dx, dx * dy, dy * dy))
-    middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    return 1.0 / np.sqrt(middle + spread + 1e-9), 1.0 / np.sqrt(np.maximum(middle - spread, 0.0) + 1e-9)
+    mean, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    inner: F64 = CV.boxFilter(dx * dx + dy * dy, cv2.CV_64F, (MIDDLE, MIDDLE), normalize=False)
+    best, worst = mean + spread, np.maximum(mean - spread, 0.0)
+    return 1.0 / np.sqrt(best + 1e-9), 1.0 / np.sqrt(worst + 1e-9), 1.0 / np.sqrt(inner + 1e-9)
 
 
 def _within(square: Region, lat: F64, lon: F64) -> NDArray[np.bool_]:
@@ -206,7 +213,8 @@ def _within(square: Region, lat: F64, lon: F64) -> NDArray[np.bool_]:
 
 def _landmarks(geo_map: GeoMap, cell: _Cell, size: float, spacing: int) -> list[Landmarks]:
     """The place with the best bound in each small cell, with its chip."""
-    best, worst = texture(cell.grey)
+    best, worst, middle = texture(cell.grey)
+    worst[middle > MIDDLE_SIGMA] = np.inf
     whole = CV.erode(cell.mask.astype(np.uint8), np.ones((CHIP + 1, CHIP + 1), np.uint8))
     worst[whole == 0] = np.inf
     count = -(-TILE // spacing)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fsw.imaging.maps import GeoMap, MapError
 from fsw.math.resection import attitude_from_rays, fit_pose
 from messages.base import F64
-from modules.opnav.features import mutual_matches
+from modules.opnav.features import Features, detect, mutual_matches
 from modules.opnav.landmark_finder.consensus import homography_consensus, undistorted_px
 from modules.opnav.landmark_finder.render import pinhole, render_view
 
@@ -22,18 +22,15 @@ RATIO = 0.88
 CONSENSUS_PX = 6.0
 MIN_INLIERS = 30
 """Fewer agreeing features than this are chance: wrong views gave up to 28."""
+LIMIT = 8000
 MIN_MASK = 0.1
 CV: Any = cv2
 
 
-def _features(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> tuple[F64, NDArray[np.float32]]:
-    """Places (n, 2) [px] and descriptors (n, 128) of SIFT features after evening out the contrast."""
+def _features(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> Features:
+    """Features after evening out the contrast."""
     clear = CV.createCLAHE(clipLimit=3.0, tileGridSize=(8, 8)).apply(grey)
-    shown = None if mask is None else mask.astype(np.uint8)
-    keys, descriptors = CV.SIFT_create(nfeatures=8000, contrastThreshold=0.02).detectAndCompute(clear, shown)
-    if descriptors is None:
-        return np.empty((0, 2)), np.empty((0, 128), np.float32)
-    return np.array([k.pt for k in keys], float).reshape(-1, 2), descriptors
+    return detect("sift", clear, mask, LIMIT)
 
 
 def acquire(geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, dcm_CE: F64) -> tuple[F64, F64] | None:
@@ -55,16 +52,15 @@ def acquire(geo_map: GeoMap, lens: F64, photo: NDArray[np.uint8], r_CE_E: F64, d
         view = render_view(geo_map, wide, (width, width), r_CE_E, dcm_CE)
     except MapError:
         return None
-    if view.mask.mean() < MIN_MASK:
+    if view.mask.mean() < MIN_MASK or min(photo.shape) < 64:
         return None
-    map_px, map_words = _features(view.image, view.mask)
-    photo_px, photo_words = _features(photo, None)
-    pairs = mutual_matches(photo_words, map_words, RATIO)
-    seen, mapped = photo_px[pairs[:, 0]], map_px[pairs[:, 1]]
-    agree = homography_consensus(undistorted_px(lens, seen), mapped, CONSENSUS_PX)
+    mapped, seen = _features(view.image, view.mask), _features(photo, None)
+    pairs = mutual_matches(seen.words, mapped.words, RATIO)
+    map_px, photo_px = mapped.place_px[pairs[:, 1]], seen.place_px[pairs[:, 0]]
+    agree = homography_consensus(undistorted_px(lens, photo_px), map_px, CONSENSUS_PX)
     if agree.sum() < MIN_INLIERS:
         return None
-    return _pose(lens, view.ground(mapped[agree]), seen[agree], r_CE_E)
+    return _pose(lens, view.ground(map_px[agree]), photo_px[agree], r_CE_E)
 
 
 def _pose(lens: F64, ground: F64, seen: F64, r_CE_E: F64) -> tuple[F64, F64] | None:
