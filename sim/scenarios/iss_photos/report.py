@@ -120,7 +120,9 @@ def _filter_line(track: Track) -> str:
     )
     text += "inherited from the orbit, which does not average out, and what the photos leave open. Distance is the "
     text += "difference in units of that sigma; chance alone passes 2.8 once in 20 times; "
-    return text + f"here at most {np.sqrt(largest):.1f}"
+    turn, sigma = (" / ".join(f"{x / ARC_MINUTE:.1f}" for x in v) for v in track.nuisance["mount_C"])
+    text += f"here at most {np.sqrt(largest):.1f}. It turns the mounting by {turn} +- {sigma} arc minutes about the "
+    return text + "camera's x, y, z, which includes the station's attitude"
 
 
 def show(console: Console, results: Results) -> None:

@@ -4,9 +4,10 @@ The photos are independent fixes elsewhere; here they are one pass. The station 
 attitude to the local vertical, so its rate is that of the orbit and drifts slowly. The filter starts at the first fix,
 with a wide standard deviation, and with the velocity of the approximate orbit.
 
-Where the lens was calibrated with positions held to that orbit, the orbit's error is in focal length and principal
-point, and comes back in every position. They are considered, with that error, and not estimated: photos cannot tell
-a lens from a place. So the orbit is used once, and its error is in the stated standard deviation.
+Lens and mounting were calibrated with positions held to that orbit, so its error is in them and comes back in every
+position, as if the whole map were displaced. Photos cannot tell: it is considered, as an error that all places share,
+and not estimated. So the orbit's position is used once, and its error is in the stated standard deviation. What else
+is unknown of focal length, principal point, k1 and clock is considered too; the mounting is estimated.
 """
 
 from __future__ import annotations
