@@ -24,7 +24,7 @@ from messages.opnav import CameraConfigMsg, LandmarksMsg, OpNavCirclesMsg, OpNav
 from messages.states import NavAttMsg
 from modules.estimation.earth_tracker_ekf import EarthTrackerEkf
 from modules.estimation.pixel_line_bias_ukf import PixelLineBiasUkf
-from modules.estimation.pixel_line_bias_ukf.limb import POINTS, limb_circle
+from modules.estimation.pixel_line_bias_ukf.limb import POINTS, WORK, limb_circle
 from modules.estimation.relative_od_ukf import RelativeOdUkf
 
 ROWS, LANDMARKS, MANY = 400, 50, 11
@@ -62,7 +62,7 @@ def course(seed: int = 1) -> Course:
     elements = (18e6, 0.4, math.radians(10), 0.001, 0.01, 0.1)
     start = np.array(plain(elements_to_rv)(elements, MU)).ravel()
     x, table, h = start.copy(), np.empty((ROWS, 9)), 0.1 * STEP_S
-    limb = np.empty((POINTS, 3))
+    limb = np.empty((WORK, POINTS))
     for k in range(ROWS):
         for _ in range(10):
             x[3:] -= 0.5 * h * MU * x[:3] / np.linalg.norm(x[:3]) ** 3
@@ -73,7 +73,7 @@ def course(seed: int = 1) -> Course:
         side /= np.linalg.norm(side)
         dcm = np.array([side, np.cross(z, side), z])
         one = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        _, circle = plain(limb_circle)(lens, (RADIUS, RADIUS, RADIUS), one, plain(vec3)(dcm @ x[:3]), limb)
+        _, circle = plain(limb_circle)(lens, (RADIUS, RADIUS, RADIUS), one, plain(vec3)(dcm @ x[:3]), limb, np.zeros(2))
         noise = rng.normal(size=6)
         table[k] = [
             *np.asarray(Rotation.from_matrix(dcm.T).as_mrp()),

@@ -28,11 +28,16 @@ NOT_FINITE = -3
 def qr_triangle(A: F64, R: F64) -> int:
     """Upper R (n, n), A'A = R'R, with a diagonal that is not negative; A (m, n) is overwritten by the orthogonal part.
 
-    A column that depends on those before it may leave a diagonal element of rounding size and not exactly zero.
+    A column that depends on those before it may leave a diagonal element of rounding size and not exactly zero. Zeros
+    below a triangle of rows at the end cost nothing.
     """
-    m, n = A.shape
-    code = OK
+    rows, n = A.shape
+    m, code = 0, OK
     for k in range(n):
+        last = rows
+        while last > m and A[last - 1, k] == 0.0:
+            last -= 1
+        m = last  # below it this column and those before are zero
         for j in range(n):
             R[k, j] = 0.0
         total = 0.0
@@ -43,8 +48,9 @@ def qr_triangle(A: F64, R: F64) -> int:
         if length == 0.0:
             code = SINGULAR
             continue
+        part = 1.0 / length
         for i in range(m):
-            A[i, k] /= length
+            A[i, k] *= part
         j = k + 1
         while j + 4 <= n:  # four columns at a time: their sums do not wait for each other
             s0 = s1 = s2 = s3 = 0.0
@@ -172,11 +178,11 @@ def rank_one(S: F64, x: F64, beta: float, out: F64) -> int:
         if new == 0.0 or s == 0.0:
             return SINGULAR
         root = math.sqrt(new)
-        g = s2 * b + beta * w * w
+        part, g = 1.0 / s, beta * w / (s2 * b + beta * w * w)
         for j in range(i + 1, n):
-            ratio = S[j, i] / s
+            ratio = S[j, i] * part
             x[j] -= w * ratio
-            out[j, i] = root * (ratio + beta * x[j] * w / g)
+            out[j, i] = root * (ratio + g * x[j])
         b += beta * w * w / s2
         out[i, i] = root
         for j in range(i + 1, n):

@@ -20,8 +20,8 @@ from messages.filters import PixelLineFilterMsg
 from messages.opnav import CameraConfigMsg, OpNavCirclesMsg
 from messages.states import NavAttMsg, NavTransMsg
 from modules.estimation.pixel_line_bias_ukf.basilisk import as_basilisk
-from modules.estimation.pixel_line_bias_ukf.kernel import add_attitude_noise, measure_circle
-from modules.estimation.pixel_line_bias_ukf.limb import POINTS
+from modules.estimation.pixel_line_bias_ukf.kernel import add_attitude_noise, measure_circle, orbit_and_bias
+from modules.estimation.pixel_line_bias_ukf.limb import POINTS, WORK
 from modules.estimation.relative_od_ukf import status
 from modules.estimation.relative_od_ukf.kernel import (
     begin,
@@ -88,10 +88,15 @@ def use_circle(
     what, since_ns = estimate_before(state, when, t_ns, x, S)
     if what != status.UPDATED:
         return what
-    if predict(mu, params.process_noise, weights, params.max_step, since_ns, when, x, S) != OK:
+    if (
+        predict(
+            orbit_and_bias, (mu, np.zeros(13)), params.process_noise, weights, params.max_step, since_ns, when, x, S
+        )
+        != OK
+    ):
         return status.FAILED_PREDICTION
     gate = params.gate if params.gate > 0.0 else math.inf
-    scene = (lens, axes, dcm_CN, dcm_EC, np.empty((POINTS, 3)), np.zeros(7))
+    scene = (lens, axes, dcm_CN, dcm_EC, np.empty((WORK, POINTS)), np.zeros(9))
     code, nis = measurement_update(measure_circle, scene, weights, noise, circle, gate, x, S, innovation, factor)
     if not math.isnan(nis):
         write_innovation(out, innovation, factor, nis)
@@ -200,7 +205,18 @@ class PixelLineBiasUkf(KernelModule):
                     in_orientation,
                     out_filter,
                 )
-            code = predict(mu, params.process_noise, weights, params.max_step, state.time_ns, t_ns, state.x, state.S)
+            flight = (mu, np.zeros(13))
+            code = predict(
+                orbit_and_bias,
+                flight,
+                params.process_noise,
+                weights,
+                params.max_step,
+                state.time_ns,
+                t_ns,
+                state.x,
+                state.S,
+            )
             if code == OK:
                 state.time_ns = max(state.time_ns, t_ns)
             else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from fsw.math import unscented
 from fsw.math.bodies import body
 from fsw.math.compiled import compiled
 from fsw.math.square_root import OK, cholesky, covariance_of, semidefinite_factor, transpose_in_place
-from fsw.math.two_body import noise_of_interval, two_body_motion
-from fsw.math.unscented import Weights, time_update
+from fsw.math.two_body import noise_of_interval
+from fsw.math.unscented import Motion, Weights, time_update
 from fsw.module import Row
 from messages.base import F64, Record
 from modules.estimation.relative_od_ukf import status
@@ -36,11 +37,14 @@ def begin(state: Row, P: F64, start_ns: int) -> None:
 
 
 @compiled
-def predict(mu: float, Q: F64, weights: Weights, max_step: float, from_ns: int, to_ns: int, x: F64, S: F64) -> int:
+def predict(
+    motion: Motion, args: Any, Q: F64, weights: Weights, max_step: float, from_ns: int, to_ns: int, x: F64, S: F64
+) -> int:
     """Move an estimate (n,), (n, n) on in equal steps of ``max_step`` [s] at most; unchanged on failure.
 
     Args:
-        mu: gravitational parameter [m^3/s^2].
+        motion: of the state.
+        args: what the motion needs.
         Q: density of the process noise (n, n), per second.
         weights: of `unscented_weights`.
         max_step: longest step [s].
@@ -62,7 +66,7 @@ def predict(mu: float, Q: F64, weights: Weights, max_step: float, from_ns: int, 
     copy_into(x, S, before, work[2])
     for _ in range(count):
         if code == OK:
-            code = time_update(two_body_motion, dt / count, mu, weights, noise, x, S)
+            code = time_update(motion, dt / count, args, weights, noise, x, S)
     if code != OK:
         copy_into(before, work[2], x, S)
     return code

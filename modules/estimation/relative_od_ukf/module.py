@@ -10,7 +10,7 @@ import numpy as np
 from fsw import Bound, In, KernelModule, Out, Record, Row, Vec3, publish, zeros
 from fsw.math.compiled import compiled
 from fsw.math.square_root import OK, cholesky, transpose_in_place
-from fsw.math.two_body import gravity_parameter
+from fsw.math.two_body import gravity_parameter, two_body_motion
 from fsw.math.unscented import Weights, measurement_update, residual, unscented_weights
 from messages.base import F64, Mat6, Shape
 from messages.filters import OpNavFilterMsg
@@ -67,7 +67,12 @@ def use_position(t_ns: int, mu: float, weights: Weights, params: Row, state: Row
     what, since_ns = estimate_before(state, measured.exposure_ns, t_ns, x, S)
     if what != status.UPDATED:
         return what
-    if predict(mu, params.process_noise, weights, params.max_step, since_ns, measured.exposure_ns, x, S) != OK:
+    if (
+        predict(
+            two_body_motion, mu, params.process_noise, weights, params.max_step, since_ns, measured.exposure_ns, x, S
+        )
+        != OK
+    ):
         return status.FAILED_PREDICTION
     gate = params.gate if params.gate > 0.0 else math.inf
     code, nis = measurement_update(
@@ -195,7 +200,17 @@ class RelativeOdUkf(KernelModule):
             if in_position.seq not in (0, state.seen):
                 state.seen = in_position.seq
                 what = use_position(t_ns, mu, weights, params, state, in_position, out_filter)
-            code = predict(mu, params.process_noise, weights, params.max_step, state.time_ns, t_ns, state.x, state.S)
+            code = predict(
+                two_body_motion,
+                mu,
+                params.process_noise,
+                weights,
+                params.max_step,
+                state.time_ns,
+                t_ns,
+                state.x,
+                state.S,
+            )
             if code == OK:
                 state.time_ns = max(state.time_ns, t_ns)
             else:

@@ -21,7 +21,7 @@ from messages.opnav import OpNavCirclesMsg
 from modules.estimation.pixel_line_bias_ukf import PixelLineBiasUkf
 from modules.estimation.pixel_line_bias_ukf.basilisk import basilisk_circles
 from modules.estimation.pixel_line_bias_ukf.kernel import add_attitude_noise
-from modules.estimation.pixel_line_bias_ukf.limb import POINTS, limb_circle
+from modules.estimation.pixel_line_bias_ukf.limb import POINTS, WORK, limb_circle
 from modules.estimation.relative_od_ukf import status
 from modules.estimation.relative_od_ukf.basilisk import basilisk_motion, gravity_km
 from modules.opnav.basilisk import basilisk_radii, body_of
@@ -166,7 +166,7 @@ def test_limb(criterion: Criterion, axes: Any) -> None:
         cam, t = camera(492.0, distortion=lens), np.radians(off)
         r = -far * axes[0] * np.array([0.8 * np.sin(t), 0.6 * np.sin(t), np.cos(t)])
         place: Any = tuple(r)
-        good, circle = limb_circle(lens_vector(cam), tuple(axes), rows, place, np.empty((POINTS, 3)))
+        good, circle = limb_circle(lens_vector(cam), tuple(axes), rows, place, np.empty((WORK, POINTS)), np.zeros(2))
         assert good
         criterion("PIXELUKF-5", float(np.max(np.abs(circle - circle_of(cam, np.array(axes), dcm_EC, r, count=20000)))))
 
