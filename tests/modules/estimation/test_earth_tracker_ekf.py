@@ -15,6 +15,8 @@ from fsw import s
 from fsw.math.compiled import plain
 from fsw.math.epoch import epoch
 from fsw.math.geomagnetic import coefficients_at
+from fsw.math.magnetic import RADIUS as MAGNETIC_RADIUS
+from fsw.math.magnetic import harmonic_field
 from fsw.math.vectors import inverse, mat3, vec3
 from messages.base import F64, fields_of
 from messages.sensors import CSSArraySensorMsg, StarVectorsMsg, TAMSensorMsg
@@ -202,10 +204,7 @@ def scene() -> tuple[Motion, tuple[Any, ...], dict[str, Any]]:
     v_A = m.v + m.dcm_BN.T @ np.cross(m.omega, arm)
     r_A = m.r + m.dcm_BN.T @ arm
     fix = gps_message(Motion(r_A, v_A, m.dcm_BN, m.omega), np.zeros(6), t)
-    from fsw.math.magnetic import RADIUS as MAGNETIC
-    from fsw.math.magnetic import harmonic_field
-
-    field = E.T @ np.array(plain(harmonic_field)(tuple(E @ m.r), MAGNETIC, 13, g, h))
+    field = E.T @ np.array(plain(harmonic_field)(tuple(E @ m.r), MAGNETIC_RADIUS, 13, g, h))
     catalogue = np.zeros((5120, 3))
     catalogue[:4] = stars
     tracker = tracker_message(Motion(m.r, m.v, mount[2] @ m.dcm_BN, m.omega), np.zeros(3), s(10))
@@ -326,11 +325,10 @@ def test_consistency(criterion: Criterion) -> None:
 def test_100_runs_at_the_bound(criterion: Criterion, focal: float, tilt: float, use: str) -> None:
     """NEES in its band and errors at the bound: 100 runs of the set-ups S3, S4, S5 and S1 of the benchmark."""
     o = fly(focal, math.radians(tilt), use, 100, 300, 21)
-    criterion("EKF-10", outside_band(o.nees[-1].tolist(), 12))
-    half = slice(len(o.nees) // 2, None)
+    second_half = o.nees[len(o.nees) // 2 :]
+    criterion("EKF-10", outside_band(np.mean(second_half, axis=0).tolist(), 12))
     for values, rows in ((o.position, slice(0, 3)), (o.attitude, slice(6, 9))):
-        found = efficiency(np.swapaxes(values[half], 0, 1), o.bound[half][:, rows, rows])
-        criterion("EKF-11", found.ratio)
+        criterion("EKF-11", efficiency(np.swapaxes(values, 0, 1), o.bound[:, rows, rows]).eta)
 
 
 def test_initial_state() -> None:
