@@ -183,6 +183,8 @@ def _measured(search: Search, e: Ellipse, seen: Rays, light: Light, votes: int) 
         return "a short arc"
     made: tuple[Limb, Outline] | None = None
     for _ in range(2):
+        if not e.radius <= 2.0 * options.max_radius:  # a line, which would be looked for far beyond the image
+            return "a radius outside of the limits"
         azimuths, depths = _usable(search.smooth, e, seen, light)
         limb = limb_points(search.values, search.noise, e, azimuths, depths, options.max_points)
         fitted = None if limb is None or len(limb.x) < MIN_POINTS else outline(e, limb)
