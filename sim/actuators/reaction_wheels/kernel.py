@@ -30,6 +30,8 @@ class Bearing(NamedTuple):
 def dry(speed: float, b: Bearing) -> float:
     """Magnitude of the friction that does not vanish at standstill, N m (Eq. 2 of the spec)."""
     x = speed / b.stribeck
+    if x * x > 36.0:  # less than the last digit
+        return b.coulomb
     return b.coulomb + (b.static - b.coulomb) * math.exp(-x * x)
 
 
