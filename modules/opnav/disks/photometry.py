@@ -32,8 +32,9 @@ NODES, _WEIGHTS = 0.5 * NODES + 0.5, 0.5 * _WEIGHTS
 LOW, HIGH, GRID = -10.0, 8.0, 0.1
 """Distances from the limb that are tabled, outside positive [px]."""
 DEPTHS = np.arange(LOW, HIGH + 0.5 * GRID, GRID)
-LAWS = 6
-"""Lommel-Seeliger, Lambert, the first times mu, what does not depend on the Sun: even and as mu; Minnaert 0.7."""
+LAWS = 7
+"""Lommel-Seeliger, Lambert, the first times mu, what does not depend on the Sun: even and as mu; Minnaert 0.7;
+Lambert times mu."""
 
 
 class View(NamedTuple):
@@ -124,7 +125,7 @@ def brightness(seen: Incidence, depth: float) -> F64:
     lit = mu0 > 0.0
     seeliger = mu0 / (mu0 + mu)
     minnaert = np.where(lit, np.maximum(mu0, 1e-9), 0.0) ** 0.7 * np.maximum(mu, 1e-3) ** -0.3
-    return np.array([seeliger, mu0, seeliger * mu, lit * 1.0, lit * mu, minnaert])
+    return np.array([seeliger, mu0, seeliger * mu, lit * 1.0, lit * mu, minnaert, mu0 * mu])
 
 
 def terminator(seen: Incidence) -> F64:

@@ -55,8 +55,8 @@ LIGHT_PX = 0.05
 TERMINATOR_PX, LEAST_PX = 1.5, 1.5
 """So near to the terminator pixels do not count, nor where less than this would be left of the light."""
 BASE = 2
-SHARES = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-SHARE_PRIOR = np.array([0.7, 0.04, 0.3, 0.5, 0.3, 0.5])
+SHARES = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+SHARE_PRIOR = np.array([0.7, 0.04, 0.3, 0.5, 0.3, 0.5, 0.5])
 """What is expected of Lambert's share in a mixture with Lommel-Seeliger's (McEwen 1991), of the fourth cumulant of the
 point-spread function [px^4], and, where the pixels ask for it, of more laws."""
 SHARE_STEP = 0.2
@@ -418,9 +418,11 @@ def fit(problem: Problem, u: Unknown) -> tuple[Unknown, F64] | None:
     more = _iterate(problem, grown, False)
     if more is not None and problem.misfit(more[0], problem.normal(more[0])) < before - 2.0 * EVIDENCE:
         return more
+    # More laws are asked for, but do not settle: then at least what they could do is not known
     problem.move(e)
     problem.light(e)
-    return found
+    A, _, _ = problem.reduced(grown, problem.normal(grown))
+    return grown, np.linalg.inv(A + problem.prior(grown, False)[0])
 
 
 def _iterate(problem: Problem, u: Unknown, learn: bool) -> tuple[Unknown, F64] | None:
