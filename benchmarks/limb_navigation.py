@@ -149,7 +149,8 @@ so). The angles of incidence and emission are known: they follow from the outlin
 The bound takes no texture for unknown beyond its 24 sectors, so no program can reach it in the row with texture.
 *Ratio*: root mean square error over bound, good to {{spread:.0%}} (one sigma). *Known*: error over the bound with the
 light of every pixel known, across and along the line of sight; *free*: with a step, an arch and a slope of light free
-in each sector. *Edges*: over the closed form of independent edges, with the points found, independent and with the scatter they have:
+in each sector. *Edges*: over the closed form of independent edges, with the points found, independent and with the
+scatter they have:
 it knows of nothing common to all points, which at full phase the laws and the blur are. *NEES*: normalised square error
 of the position, mean; 3 is expected, and the 95 % band of the mean is {{low:.2f}} to {{high:.2f}}. *Bias*, *scatter*:
 of the points found, from the exact limb, positive outside. *Circle*: CircleFinder and PixelLineConverter on the same
