@@ -104,8 +104,11 @@ def _spin(t_ns: int) -> F64:
 
 def landmarks_at(row: Any, exposure_ns: int) -> LandmarksMsg:
     """The message of a recorded row, with another time of exposure."""
-    values = {f.name: (np.array(row[f.name]) if f.shape else row[f.name].item()) for f in fields_of(LandmarksMsg)}
-    return LandmarksMsg(**{**values, "exposure_ns": exposure_ns})
+    values: dict[str, Any] = {
+        f.name: (np.array(row[f.name]) if f.shape else row[f.name].item()) for f in fields_of(LandmarksMsg)
+    }
+    values["exposure_ns"] = exposure_ns
+    return LandmarksMsg(**values)
 
 
 def _velocity_covariance(orbit: TleOrbit, t_s: float, rate: float, dcm_HE: F64) -> F64:

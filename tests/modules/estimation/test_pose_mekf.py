@@ -141,7 +141,8 @@ def run_with_own_pixel_noise(cached: Cached, setup: Setup, seed: int) -> Any:
     noisy = Cached.__new__(Cached)
     vars(noisy).update(vars(cached))
     noisy.seen = [p + 0.5 * rng.standard_normal(p.shape) for p in cached.seen]
-    return run(noisy, Setup(**{**vars(setup), "draw_pixels": False}), seed)
+    fields: dict[str, Any] = {**vars(setup), "draw_pixels": False}
+    return run(noisy, Setup(**fields), seed)
 
 
 def test_rolling_shutter_and_clock(criterion: Criterion) -> None:

@@ -96,7 +96,7 @@ def test_false_landmarks(criterion: Criterion, lost_id: str, position_id: str, s
     made = cached(0.0, NARROW)
     errors, _ = monte_carlo(made, setup, 100)
     bound = pcrb(made, setup)
-    lost = divergences(errors[:, -1, :3], float(np.sqrt(np.trace(bound[-1, :3, :3]))), 1e4)
+    lost = divergences(errors[:, -1, :3], np.array(np.sqrt(np.trace(bound[-1, :3, :3]))), 1e4)
     criterion(lost_id, float(lost.count))
     criterion(position_id, etas(errors, bound)[0])
 
