@@ -45,7 +45,7 @@ def span(signal: F64, normals_B: F64, threshold: float) -> M3:
 
 @compiled
 def sun_vector(signal: F64, normals_B: F64, threshold: float) -> V3:
-    """Vector to the Sun in B components, as long as the light is strong (1 at 1 au), by least squares (Eq. 1).
+    """Vector to the Sun in B components, as long as the light is strong (1 at 1 au), by weighted least squares (Eq. 1).
 
     Args:
         signal: (6,) currents. normals_B: (6, 3) unit vectors. threshold: cells below it count as dark.
@@ -55,8 +55,9 @@ def sun_vector(signal: F64, normals_B: F64, threshold: float) -> V3:
     for i in range(CELLS):
         if not signal[i] <= threshold:
             n = matvec(basis, vec3(normals_B[i]))
-            a, b, c = axpy(n[0], n, a), axpy(n[1], n, b), axpy(n[2], n, c)
-            y = axpy(signal[i], n, y)
+            w = signal[i]
+            a, b, c = axpy(w * n[0], n, a), axpy(w * n[1], n, b), axpy(w * n[2], n, c)
+            y = axpy(w * w, n, y)
     a = (a[0] + (1.0 if norm(basis[0]) == 0.0 else 0.0), a[1], a[2])
     b = (b[0], b[1] + (1.0 if norm(basis[1]) == 0.0 else 0.0), b[2])
     c = (c[0], c[1], c[2] + (1.0 if norm(basis[2]) == 0.0 else 0.0))

@@ -83,7 +83,8 @@ def test_direction_by_least_squares(criterion: Criterion) -> None:
         lit = signal > 0.1
         if not lit.any() or (lit.sum() > 1 and np.linalg.svd(normals[lit], compute_uv=False)[-1] < 0.1):
             continue
-        expected = np.linalg.lstsq(normals[lit], signal[lit])[0]
+        weight = np.sqrt(signal[lit])
+        expected = np.linalg.lstsq(weight[:, None] * normals[lit], weight * signal[lit])[0]
         feed, point = wired(normals_B=normals, least_light=0.05)
         _, found = errors(feed, point, signal, np.zeros(3))
         assert found.valid == (np.linalg.norm(expected) >= 0.05)
