@@ -53,7 +53,8 @@ def use_instant(
         for i in range(3):
             noise[i, i] = params.star_sigma[i] * params.star_sigma[i]
     else:
-        direction(pose, mat3(params.dcm_SB), vec3(data[3:]), vec3(data), residual, H_pose)
+        same: M3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        direction(pose, same, vec3(data[3:]), vec3(data), residual, H_pose)
         for i in range(2):
             noise[i, i] = data[6] * data[6]
     for a in range(m):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from fsw import OutPort
 from fsw.math.compiled import plain
 from messages.base import F64
-from messages.filters import PoseFilterMsg
+from messages.filters import DirectionsMsg, PoseFilterMsg
 from messages.opnav import PoseFixMsg
 from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
 from modules.estimation.pose_mekf import PoseMekf, PoseMekfParams, status
@@ -27,6 +27,7 @@ from tests.modules.estimation.pose_mekf_truth import (
     NARROW,
     RE,
     SIGMA0,
+    WE,
     WIDE,
     Cached,
     Draw,
@@ -36,6 +37,7 @@ from tests.modules.estimation.pose_mekf_truth import (
     Truth,
     draw,
     gravity,
+    ground,
     landmarks,
     make_filter,
     orientation,
@@ -434,3 +436,45 @@ def test_false_landmarks_in_the_first_image(wide: Cached) -> None:
         *_, (_, message, _, _) = run(cached, Setup(star=1, outliers=0.5), seed)
         assert message.status == status.UPDATED and 20 <= message.accepted <= 42
         assert place_error(cached, message) < 3.5
+
+
+def test_mountings_and_directions(wide: Cached) -> None:
+    """Exact data of sensors that sit anywhere, turned anyhow, leave an exact estimate where it is."""
+    P, S_B, C_B = turn(np.array([0.4, -1.0, 0.3])), turn(np.array([-0.2, 0.5, 2.0])), turn(np.array([0.1, -0.15, 1.2]))
+    arm_C, arm_A, spin = np.array([300.0, -200.0, 100.0]), np.array([-40.0, 70.0, 90.0]), np.array([0.0, 0.0, WE])
+    truth, cam, known = wide.scene.truth, Optics(WIDE), np.array([[1.0, 0.2, 0.0], [0.0, -1.0, 0.5], [0.3, 0.0, 1.0]])
+    mekf, ports = make_filter(truth, exact(truth), dcm_PB=P, dcm_SB=S_B, r_CB_B=arm_C, r_AB_B=arm_A)
+    ports["in_camera"].write(msgspec.structs.replace(cam.message, dcm_CB=C_B), 0)
+    for t in range(1, 21):
+        r, v, dcm_BN, _ = wide.states[t]
+        E, w = orientation(float(t)).dcm_EN, truth.omega(float(t))
+        ports["in_orientation"].write(wide.planet[t], t * S)
+        ports["in_gyro"].write(IMUSensorMsg(omega_PN_P=P @ wide.rates[t - 1], accel_P=np.full(3, np.nan)), t * S)
+        star: Any = Rotation.from_matrix((S_B @ dcm_BN).T)
+        beta = star.as_quat(scalar_first=True)
+        ports["in_star_tracker"].write(STAttMsg(exposure_ns=t * S, valid=True, beta_SN=beta), t * S)
+        seen, sky = np.full((16, 3), np.nan), np.full((16, 3), np.nan)
+        seen[:3], sky[:3] = 7.0 * known @ dcm_BN.T, known
+        sigma = np.where(np.arange(16) < 3, 1e-5, np.nan)
+        directions = DirectionsMsg(exposure_ns=t * S, valid=True, count=3, measured_B=seen, known_N=sky, sigma=sigma)
+        ports["in_directions"].write(directions, t * S)
+        r_A, v_A = r + dcm_BN.T @ arm_A, v + dcm_BN.T @ np.cross(w, arm_A)
+        fixed: dict[str, Any] = {"r_AE_E": E @ r_A, "v_AE_E": E @ (v_A - np.cross(spin, r_A))}
+        ports["in_gps"].write(GPSSensorMsg(fix_ns=t * S, lat=0.0, lon=0.0, h=0.0, **fixed), t * S)
+        if t % 5 == 0:
+            r_C = r + dcm_BN.T @ arm_C
+            rays = np.random.default_rng(t).uniform(-0.5, 0.5, (20, 2))
+            sight = [C_B.T @ np.array([x, y, 1.0]) for x, y in rays]
+            places = np.array([ground(E @ r_C, E @ dcm_BN.T @ d, 0.0) for d in sight])
+            pixels = WIDE * rays + (cam.size - 1) / 2
+            ports["in_landmarks"].write(landmarks(t * S, places, pixels, 0.5), t * S)
+        mekf.step(t * S)
+        message = mekf.out_filter.latest()
+        assert message is not None
+        assert message.status_gps == message.status_star == message.status_vectors == status.UPDATED
+        assert message.status == (status.UPDATED if t % 5 == 0 else status.NO_MEASUREMENT)
+        # the rate of the estimate is the mean of the last second, and the arm makes that a few 0.1 mm/s
+        assert np.linalg.norm(message.r_BN_N - r) < 0.01 and np.linalg.norm(message.v_BN_N - v) < 1e-3
+        q: Any = Rotation.from_quat(message.beta_BN, scalar_first=True)
+        assert np.linalg.norm(rotvec(dcm_BN @ q.as_matrix())) < 1e-7
+        assert message.landmarks == (20 if t % 5 == 0 else 0) == message.accepted
