@@ -20,8 +20,11 @@ from modules.estimation.earth_tracker_ekf.params import EarthTrackerParams, Eart
 class EarthTrackerEkf(KernelModule):
     """The 13-state filter of the source, corrected. See SPEC.md."""
 
-    Params = EarthTrackerParams
-    State = EarthTrackerState
+    class Params(EarthTrackerParams):
+        """Parameters."""
+
+    class State(EarthTrackerState):
+        """The estimate, and what was looked at."""
 
     in_landmarks = In(LandmarksMsg, optional=True)
     in_camera = In(CameraConfigMsg, optional=True)

@@ -19,9 +19,16 @@ SEQUENTIAL, BATCH, FEDERATED = 0, 1, 2
 """Values of ``form``."""
 
 
-def fixed(values: object, kind: type = np.float64) -> F64:
+def floats(values: object) -> F64:
     """A read-only array."""
-    array = np.array(values, kind)
+    array = np.array(values, np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def integers(*values: int) -> I64:
+    """A read-only array."""
+    array = np.array(values, np.int64)
     array.setflags(write=False)
     return array
 
@@ -48,9 +55,9 @@ class EarthTrackerParams(Record):
     form: Annotated[int, "-", "update: 0 sequential, 1 batch, 2 federated", Bound(ge=0, le=2)] = SEQUENTIAL
     order: Annotated[
         I64, Shape(SENSORS), "-", "sensors in the order of their updates at one instant; the most accurate first"
-    ] = fixed([5, 6, 1, 0, 2, 4, 3], np.int64)
+    ] = integers(5, 6, 1, 0, 2, 4, 3)
     shares: Annotated[F64, Shape(SENSORS), "-", "information of the local filters; only ratios count", Bound(gt=0)] = (
-        fixed(np.ones(SENSORS))
+        floats(np.ones(SENSORS))
     )
     iterations: Annotated[int, "-", "most linearisations of an update; the federated form has one", Bound(ge=1)] = 3
     gate: Annotated[float, "-", "factor of the gate, which at 1 refuses one good in 10,000; 0: none", Bound(ge=0)] = 1.0
@@ -66,7 +73,7 @@ class EarthTrackerParams(Record):
     gyro_bias_P: Annotated[Vec3, "rad/s", "bias of the gyro; it is not estimated"] = zeros(3)
     sigma_gyro: Annotated[float, "rad/s", "error of a reading of the gyro, each axis", Bound(gt=0)] = 1e-4
     gyro_delay: Annotated[float, "s", "age of a reading, half the interval that it is the mean of", Bound(ge=0)] = 0.0
-    normals_B: Annotated[F64, Shape(6, 3), "-", "normals of the Sun sensors' cells, any length, B"] = fixed(
+    normals_B: Annotated[F64, Shape(6, 3), "-", "normals of the Sun sensors' cells, any length, B"] = floats(
         [[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
     )
     css_scale: Annotated[float, "-", "signal of a cell that faces the Sun at 1 au", Bound(gt=0)] = 1.0
@@ -79,7 +86,7 @@ class EarthTrackerParams(Record):
     field_g: Annotated[F64, Shape(COUNT), "T", "cosine coefficients, scaled; of coefficients_at"] = zeros(COUNT)
     field_h: Annotated[F64, Shape(COUNT), "T", "sine coefficients, scaled"] = zeros(COUNT)
     dcm_SB: Annotated[Mat3, "-", "mounting of the star tracker"] = eye(3)
-    sigma_tracker: Annotated[Vec3, "rad", "attitude error of the star tracker about its axes", Bound(gt=0)] = fixed(
+    sigma_tracker: Annotated[Vec3, "rad", "attitude error of the star tracker about its axes", Bound(gt=0)] = floats(
         [4.85e-5, 4.85e-5, 2.91e-4]
     )
     dcm_VB: Annotated[Mat3, "-", "mounting of the sensor that gives stars"] = eye(3)
@@ -113,11 +120,9 @@ class EarthTrackerState(Record):
     time_ns: Annotated[int, "ns", "time of the estimate"] = 0
     x: Annotated[F64, Shape(13), "m, m/s, -, rad/s", "r_BN_N, v_BN_N, beta_BO, omega_BO_B"] = zeros(13)
     P: Annotated[F64, Shape(12, 12), "products of m, m/s, rad, rad/s", "covariance of the error"] = zeros(12, 12)
-    seen: Annotated[I64, Shape(SENSORS), "-", "seq of each sensor's last message looked at"] = fixed(
-        np.zeros(SENSORS), np.int64
+    seen: Annotated[I64, Shape(SENSORS), "-", "seq of each sensor's last message looked at"] = integers(*[0] * SENSORS)
+    last_ns: Annotated[I64, Shape(SENSORS), "ns", "time of each sensor's last measurement used"] = integers(
+        *[-1] * SENSORS
     )
-    last_ns: Annotated[I64, Shape(SENSORS), "ns", "time of each sensor's last measurement used"] = fixed(
-        np.full(SENSORS, -1), np.int64
-    )
-    used: Annotated[I64, Shape(SENSORS), "-", "measurements used"] = fixed(np.zeros(SENSORS), np.int64)
-    refused: Annotated[I64, Shape(SENSORS), "-", "measurements refused"] = fixed(np.zeros(SENSORS), np.int64)
+    used: Annotated[I64, Shape(SENSORS), "-", "measurements used"] = integers(*[0] * SENSORS)
+    refused: Annotated[I64, Shape(SENSORS), "-", "measurements refused"] = integers(*[0] * SENSORS)

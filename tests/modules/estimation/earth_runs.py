@@ -199,7 +199,8 @@ def fly(
     middle = Motion(nominal.r[None], nominal.v[None], nominal.dcm_BN[None], nominal.omega[None])
     bounded, K = Bounded(nominal, P0), seconds // EVERY
     out = Outcome(
-        *(np.empty((K, runs, 3)) for _ in range(2)),
+        np.empty((K, runs, 3)),
+        np.empty((K, runs, 3)),
         np.empty((K, runs)),
         np.empty((K, runs, 12)),
         np.empty((K, runs, 12, 12)),

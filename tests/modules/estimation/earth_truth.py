@@ -226,4 +226,5 @@ def landmarks_message(r_LE_E: F64, pixel: F64, sigma: float, exposure_ns: int, *
     for name, values in (("r_LE_E", r_LE_E), ("pixel_px", pixel), ("sigma_px", np.full(n, sigma))):
         arrays[name][:n] = values
     other: dict[str, Any] = {"count": n, "candidates": n, "cells": 24, "score": np.full(MAX_LANDMARKS, np.nan)}
-    return LandmarksMsg(exposure_ns=exposure_ns, **{**arrays, **other, **more})
+    fields: dict[str, Any] = {**arrays, **other, **more}
+    return LandmarksMsg(exposure_ns=exposure_ns, **fields)

@@ -89,7 +89,7 @@ def test_models_and_one_step(criterion: Criterion) -> None:
     start = pose_of(x)  # the motion of these 13 numbers, to the bit
     MOVED(x, 0.1, body(torque=TORQUE), np.empty((12, 12)))
     now, long = pose_of(x), np.longdouble
-    fine = Motion(*(np.asarray(a[None], long) for a in (start.r, start.v, start.dcm_BN, start.omega)))
+    fine: list[Any] = [np.asarray(a, long) for a in (start.r, start.v, start.dcm_BN, start.omega)]
     h = long(0.1) / 16
     back, I3 = np.linalg.inv(INERTIA), INERTIA
 
@@ -97,7 +97,7 @@ def test_models_and_one_step(criterion: Criterion) -> None:
         spin = np.array([[0 * w[0], -w[2], w[1]], [w[2], 0 * w[0], -w[0]], [-w[1], w[0], 0 * w[0]]])
         return v, gravity(r), -spin @ C, back @ (TORQUE - np.cross(w, I3 @ w))
 
-    y: Any = (fine.r[0], fine.v[0], fine.dcm_BN[0], fine.omega[0])
+    y: Any = tuple(fine)
     for _ in range(16):
         a = rates(*y)
         b = rates(*(p + h / 2 * q for p, q in zip(y, a, strict=True)))
@@ -188,7 +188,7 @@ def scene() -> tuple[Motion, tuple[Any, ...], dict[str, Any]]:
     """A motion with measurements without noise, at 10 s, by numpy; parameters with mountings and offsets."""
     m, rng, t = nadir_pointing(0.3), np.random.default_rng(4), 10.0
     m = Motion(m.r, m.v, m.dcm_BN, m.omega + 1e-3)
-    mount, camera = [np.asarray(Rotation.random(random_state=k).as_matrix()) for k in range(4)], Camera(WIDE)
+    mount, camera = [rotation(rng.normal(size=3)) for _ in range(4)], Camera(WIDE)
     arm, offset, bias = np.array([0.3, -0.2, 0.5]), np.array([0.1, 0.4, -0.2]), np.array([1e-7, -2e-7, 3e-7])
     ground, E = camera.landmarks(m, 3, t, rng), earth(t)
     p = (ground @ E - m.r) @ m.dcm_BN.T - offset
