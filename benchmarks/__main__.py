@@ -13,7 +13,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import closed_loop, dispatch, filters, modules, start, vision_disks
+from benchmarks import closed_loop, dispatch, earth_tracker, filters, modules, start, vision_disks
 from benchmarks.timing import Figure, Line
 
 PARTS = "all", "framework", "truth", "filters", "vision"
@@ -106,6 +106,9 @@ def main(arguments: list[str] | None = None) -> int:
         if given.only in ("all", "vision"):
             status.update("disks in images")
             disks = vision_disks.measure(given.repeats, basilisk_too=vision_disks.installed())
+            status.update("landmarks of the Earth")
+            if not given.quick:
+                earth_tracker.main(["--repeats", str(given.repeats)])
         if given.only in ("all", "framework") and not given.no_start:
             status.update("start")
             lines += start.measure(given.repeats, basilisk=basilisk)

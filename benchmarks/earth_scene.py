@@ -133,6 +133,8 @@ class Shot(NamedTuple):
 
     def pixels(self, r_LE_E: F64) -> F64:
         """Where places (n, 3) truly are in the photo (n, 2) [px], by OpenCV."""
+        if not len(r_LE_E):
+            return np.empty((0, 2))
         (fx, fy), (cx, cy) = self.camera.focal_px, self.camera.center_px
         k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         there = (r_LE_E - self.r_CE_E) @ self.dcm_CE.T

@@ -38,7 +38,7 @@ class EarthTracker(Module):
         most: Annotated[int, "-", "landmarks looked for in each image", Bound(ge=20, le=MAX_LANDMARKS)] = 160
         min_score: Annotated[float, "-", "least normalised correlation of a match", Bound(gt=0, lt=1)] = 0.3
         min_lead: Annotated[float, "-", "least lead of a match over the next best", Bound(ge=0, lt=1)] = 0.05
-        sigma_map: Annotated[float, "-", "error of a coordinate on the map, in its finest pixels", Bound(ge=0)] = 0.2
+        sigma_map: Annotated[float, "-", "error of a coordinate on the map, in its finest pixels", Bound(ge=0)] = 0.25
 
     params: Params
     shared = ("catalogue",)

@@ -65,7 +65,8 @@ class Params(NamedTuple):
     most: int = 160
     min_score: float = 0.3
     min_lead: float = 0.05
-    sigma_map: float = 0.2
+    sigma_map: float = 0.25
+    """A quarter of a pixel: by so much a map is displaced of which every second row and column was picked."""
 
 
 class Tracked(NamedTuple):
