@@ -21,7 +21,7 @@ RATIO = 0.88
 """A feature's best match must be nearer than this times its second best (Lowe 2004, sec. 7.1)."""
 CONSENSUS_PX = 6.0
 MIN_INLIERS = 30
-"""Fewer agreeing features than this are chance: wrong views gave up to 28."""
+"""Fewer agreeing features than this are chance: wrong views gave up to 28 with plain SIFT words, up to 8 with these."""
 LIMIT = 8000
 MIN_MASK = 0.1
 CV: Any = cv2

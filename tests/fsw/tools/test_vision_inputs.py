@@ -134,6 +134,7 @@ def located(photo: Path, *more: str) -> list[str]:
     return ["geolocate", str(photo), "--map", str(CASPIAN), "--fov", fov, *more]
 
 
+@pytest.mark.slow
 def test_place_by_two_line_elements(
     station: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
