@@ -34,7 +34,7 @@ solve_ivp: Any = _solve_ivp  # pyright: ignore[reportUnknownVariableType]
 MARS = body("Mars")
 A, E = 18000e3, 0.2
 EVERY_S = 300
-IMAGES = 24
+IMAGES = 16
 OFFSETS_DEG = 0.0, 5.0, 10.0, 20.0
 SIGMA_R, SIGMA_V = 50e3, 20.0
 """Of the initial state, for each axis [m, m/s]."""

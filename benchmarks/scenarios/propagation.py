@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.scenarios.feed import fed
 from benchmarks.scenarios.result import Scenario
-from fsw import Module, OutPort, s
+from fsw import s
 from fsw.math.kepler import elements_to_rv, mean_motion, mean_to_true
-from fsw.ports import In
 from messages.base import F64
 from messages.opnav import OpNavMsg
 from modules.estimation.pixel_line_bias_ukf import PixelLineBiasUkf
@@ -35,16 +35,6 @@ def orbit(t: float) -> F64:
 def energy(x: F64) -> float:
     """Of a unit of mass [J/kg]."""
     return float(0.5 * x[3:6] @ x[3:6] - MU / np.linalg.norm(x[:3]))
-
-
-def fed(module: Module) -> dict[str, OutPort[Any]]:
-    """An output for each input."""
-    owner, made = Module("sources"), dict[str, OutPort[Any]]()
-    for name, port in module.ports.items():
-        if isinstance(port, In):
-            made[name] = OutPort(owner, name, port.kind)
-            made[name].connect(vars(module)[name])
-    return made
 
 
 def propagated(n: int, basilisk: bool) -> tuple[float, float, float]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from benchmarks.scenarios.feed import fed
 from benchmarks.scenarios.result import Scenario
-from fsw import Module, OutPort
-from fsw.ports import In
 from messages.base import F64
 from messages.opnav import MAX_LIMB, CameraConfigMsg, OpNavLimbMsg
 from messages.states import NavAttMsg
@@ -55,11 +53,7 @@ class Horizon:
     def __init__(self) -> None:
         """Connect its inputs, and write what does not change."""
         self.module = HorizonNav("horizon", HorizonNav.Params(axes=np.full(3, RADIUS), max_sigma=0.9))
-        owner, self.ports = Module("sources"), dict[str, OutPort[Any]]()
-        for name, port in self.module.ports.items():
-            if isinstance(port, In):
-                self.ports[name] = OutPort(owner, name, port.kind)
-                self.ports[name].connect(vars(self.module)[name])
+        self.ports = fed(self.module)
         camera = CameraConfigMsg(
             width_px=SIDE, height_px=SIDE, focal_px=np.full(2, FOCAL), center_px=np.full(2, (SIDE - 1) / 2)
         )

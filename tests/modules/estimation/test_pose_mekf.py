@@ -11,16 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from fsw import OutPort
-from fsw.math.compiled import plain
-from messages.base import F64
-from messages.filters import DirectionsMsg, PoseFilterMsg
-from messages.opnav import PoseFixMsg
-from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
-from modules.estimation.pose_mekf import PoseMekf, PoseMekfParams, status
-from modules.estimation.pose_mekf.layout import SIZE
-from modules.estimation.pose_mekf.motion import field_gradient, transition
-from tests.modules.estimation.pose_mekf_truth import (
+from benchmarks.scenarios.pose_truth import (
     ARCSEC,
     J2,
     MU,
@@ -45,6 +36,15 @@ from tests.modules.estimation.pose_mekf_truth import (
     run,
     turn,
 )
+from fsw import OutPort
+from fsw.math.compiled import plain
+from messages.base import F64
+from messages.filters import DirectionsMsg, PoseFilterMsg
+from messages.opnav import PoseFixMsg
+from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
+from modules.estimation.pose_mekf import PoseMekf, PoseMekfParams, status
+from modules.estimation.pose_mekf.layout import SIZE
+from modules.estimation.pose_mekf.motion import field_gradient, transition
 
 Criterion = Callable[[str, float], None]
 Ports = dict[str, OutPort[Any]]

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from messages.base import F64
-from modules.estimation.analysis.scores import divergences, efficiency
-from tests.modules.estimation.pose_mekf_truth import (
+from benchmarks.scenarios.pose_truth import (
     NARROW,
     NUISANCE,
     WIDE,
@@ -23,6 +21,8 @@ from tests.modules.estimation.pose_mekf_truth import (
     nees,
     pcrb,
 )
+from messages.base import F64
+from modules.estimation.analysis.scores import divergences, efficiency
 
 Criterion = Callable[[str, float], None]
 pytestmark = pytest.mark.slow

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from benchmarks.scenarios.feed import fed
 from fsw import OutPort
 from messages.base import F64
 from messages.environment import PlanetOrientationMsg
@@ -18,7 +19,6 @@ from messages.opnav import MAX_LANDMARKS, CameraConfigMsg, LandmarksMsg
 from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
 from modules.estimation.analysis.bound import Bound
 from modules.estimation.pose_mekf import PoseMekf, PoseMekfParams
-from tests.modules.opnav.disk_truth import sources
 
 MU, RE, J2, WE = 3.986004415e14, 6378136.3, 1.0826261738522e-3, 7.292115e-5
 ARCSEC = np.pi / 648000.0
@@ -33,6 +33,7 @@ State = tuple[F64, F64, F64, F64]
 
 
 def skew(a: F64) -> F64:
+    """Matrix of the cross product [a x]."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
@@ -43,22 +44,26 @@ def turn(phi: F64) -> F64:
 
 
 def rotvec(dcm: F64) -> F64:
+    """Rotation vector of a matrix."""
     rotation: Any = Rotation.from_matrix(dcm.T)
     return np.asarray(rotation.as_rotvec(), float)
 
 
 def gravity(r: F64) -> F64:
+    """Acceleration with J2 [m/s^2]."""
     far, z2 = np.linalg.norm(r), (r[2] / np.linalg.norm(r)) ** 2
     q = 1.5 * J2 * (RE / far) ** 2
     return -MU / far**3 * r * (1.0 + q * (np.array([1.0, 1.0, 3.0]) - 5.0 * z2))
 
 
 def dcm_EN(t: float) -> F64:
+    """The Earth turns about z."""
     c, s = np.cos(WE * t), np.sin(WE * t)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def orientation(t: float) -> PlanetOrientationMsg:
+    """As a message."""
     return PlanetOrientationMsg(dcm_EN=dcm_EN(t), omega_EN_N=np.array([0.0, 0.0, WE]))
 
 
@@ -85,9 +90,11 @@ class Truth:
         ).sol
 
     def omega(self, t: float) -> F64:
+        """Angular rate, B [rad/s]."""
         return self._base + self._wobble * np.sin(self._rate * t)
 
     def mean_omega(self, t0: float, t1: float) -> F64:
+        """Its mean over an interval."""
         return self._base - self._wobble * (np.cos(self._rate * t1) - np.cos(self._rate * t0)) / self._rate / (t1 - t0)
 
     def _slope(self, t: float, y: F64) -> F64:
@@ -129,6 +136,7 @@ class Optics:
 
     @property
     def message(self) -> CameraConfigMsg:
+        """What a filter is told of it."""
         center = np.full(2, (self.size - 1) / 2)
         distortion = np.array([self.k1, 0.0, 0.0, 0.0, 0.0])
         focal = np.full(2, self.focal)
@@ -184,6 +192,7 @@ class Scene:
 
 
 def landmarks(exposure_ns: int, places: F64, pixels: F64, sigma: float) -> LandmarksMsg:
+    """As a message."""
     n = len(places)
     r, px, s = np.full((MAX_LANDMARKS, 3), np.nan), np.full((MAX_LANDMARKS, 2), np.nan), np.full(MAX_LANDMARKS, np.nan)
     r[:n], px[:n], s[:n] = places, pixels, sigma
@@ -243,6 +252,7 @@ class Draw:
 
 
 def draw(setup: Setup, focal: float, seed: int) -> Draw:
+    """All that is wrong in one run."""
     rng = np.random.default_rng([seed, 77])
     size = {name: (NUISANCE[name] if name in setup.nuisance else 0.0) for name in NUISANCE}
     x0 = SIGMA0 * rng.standard_normal(12)
@@ -274,7 +284,7 @@ def make_filter(truth: Truth, made: Draw, **params: Any) -> tuple[PoseMekf, dict
         "star_sigma": STAR_SIGMA,
     }
     mekf = PoseMekf("mekf", PoseMekfParams(**{**start, **params}))
-    return mekf, sources(mekf)
+    return mekf, fed(mekf)
 
 
 def hamilton(p: F64, q: F64) -> F64:
@@ -306,37 +316,43 @@ class Cached:
         self.seen = [scene.pixels(k, Optics(scene.focal)) for k in range(len(scene.images))]
 
 
-def run(cached: Cached, setup: Setup, seed: int, every: int = 1) -> Iterator[tuple[int, PoseFilterMsg, F64, PoseMekf]]:
-    """One run, of which each ``every``-th second is told: time, message, error of the core states, filter."""
-    scene, truth = cached.scene, cached.scene.truth
-    made = draw(setup, scene.focal, seed)
+class Instant(NamedTuple):
+    """What the sensors say at one second, and the true bias of the gyro."""
+
+    t: int
+    rate: F64
+    star: F64 | None
+    """Quaternion of the star tracker."""
+    gps: tuple[F64, F64] | None
+    """Position and velocity, Earth-fixed."""
+    image: tuple[int, F64, F64] | None
+    """Time of exposure [ns], places and pixels of landmarks."""
+    bias: F64
+
+
+def sensed(cached: Cached, setup: Setup, made: Draw, seed: int) -> Iterator[Instant]:
+    """One run, second by second, as every filter sees it."""
+    scene = cached.scene
     rng, optics, false = made.rng, made.optics, np.random.default_rng([seed, 78])
-    mekf, ports = make_filter(truth, made, row_time=setup.row_time, **setup.params)
     bias, gps_bias = made.x0[9:], NUISANCE["gps"] * rng.standard_normal(3) * ("gps" in setup.nuisance)
     ideal = not (set(setup.nuisance) - {"map", "gps"}) and not setup.row_time
-    ports["in_camera"].write(Optics(scene.focal).message, 0)
     at = {round(float(t)): k for k, t in enumerate(scene.images)}
     for t in range(1, cached.duration + 1):
-        t_ns = t * 10**9
-        ports["in_orientation"].write(cached.planet[t], t_ns)
         new_bias = bias + RRW * rng.standard_normal(3)
         noise = np.sqrt(ARW**2 + RRW**2 / 12.0) * rng.standard_normal(3)
         rate = cached.rates[t - 1] + 0.5 * (bias + new_bias) + noise
         bias = new_bias
-        if not setup.silence[0] < t < setup.silence[1]:
-            ports["in_gyro"].write(IMUSensorMsg(omega_PN_P=rate, accel_P=np.full(3, np.nan)), t_ns)
         keep = np.exp(-1.0 / 300.0)
         fresh = NUISANCE["gps"] * np.sqrt(1.0 - keep**2) * ("gps" in setup.nuisance)
         gps_bias = keep * gps_bias + fresh * rng.standard_normal(3)
         r, v, _, q = cached.states[t]
+        star = gps = image = None
         if setup.star and t % setup.star == 0:
-            beta = hamilton(q, small(STAR_SIGMA * rng.standard_normal(3)))
-            ports["in_star_tracker"].write(STAttMsg(exposure_ns=t_ns, valid=True, beta_SN=beta), t_ns)
+            star = hamilton(q, small(STAR_SIGMA * rng.standard_normal(3)))
         if setup.gps and t % setup.gps == 0 and not setup.outage[0] < t < setup.outage[1]:
             E = dcm_EN(float(t))
             r_E = E @ r + gps_bias + 5.0 * rng.standard_normal(3)
-            v_E = E @ (v - np.cross([0.0, 0.0, WE], r)) + 0.1 * rng.standard_normal(3)
-            ports["in_gps"].write(GPSSensorMsg(fix_ns=t_ns, r_AE_E=r_E, v_AE_E=v_E, lat=0.0, lon=0.0, h=0.0), t_ns)
+            gps = r_E, E @ (v - np.cross([0.0, 0.0, WE], r)) + 0.1 * rng.standard_normal(3)
         k = at.get(t - setup.delay)
         if k is not None:
             seen = cached.seen[k] if ideal else scene.pixels(k, optics, made.late)
@@ -347,13 +363,33 @@ def run(cached: Cached, setup: Setup, seed: int, every: int = 1) -> Iterator[tup
                 seen[wrong] += setup.wrong_px * false.standard_normal((int(wrong.sum()), 2))
             else:
                 seen[wrong] = false.uniform(0.0, 2047.0, (int(wrong.sum()), 2))
-            exposure_ns = (t - setup.delay) * 10**9
-            ports["in_landmarks"].write(landmarks(exposure_ns, place, seen, setup.sigma_px), t_ns)
+            image = (t - setup.delay) * 10**9, place, seen
+        yield Instant(t, rate, star, gps, image, bias)
+
+
+def run(cached: Cached, setup: Setup, seed: int, every: int = 1) -> Iterator[tuple[int, PoseFilterMsg, F64, PoseMekf]]:
+    """One run, of which each ``every``-th second is told: time, message, error of the core states, filter."""
+    scene, truth = cached.scene, cached.scene.truth
+    made = draw(setup, scene.focal, seed)
+    mekf, ports = make_filter(truth, made, row_time=setup.row_time, **setup.params)
+    ports["in_camera"].write(Optics(scene.focal).message, 0)
+    for now in sensed(cached, setup, made, seed):
+        t, t_ns = now.t, now.t * 10**9
+        ports["in_orientation"].write(cached.planet[t], t_ns)
+        if not setup.silence[0] < t < setup.silence[1]:
+            ports["in_gyro"].write(IMUSensorMsg(omega_PN_P=now.rate, accel_P=np.full(3, np.nan)), t_ns)
+        if now.star is not None:
+            ports["in_star_tracker"].write(STAttMsg(exposure_ns=t_ns, valid=True, beta_SN=now.star), t_ns)
+        if now.gps is not None:
+            r_E, v_E = now.gps
+            ports["in_gps"].write(GPSSensorMsg(fix_ns=t_ns, r_AE_E=r_E, v_AE_E=v_E, lat=0.0, lon=0.0, h=0.0), t_ns)
+        if now.image is not None:
+            ports["in_landmarks"].write(landmarks(*now.image, setup.sigma_px), t_ns)
         mekf.step(t_ns)
         if t % every == 0:
             message = mekf.out_filter.latest()
             assert message is not None
-            yield t, message, error_of(message, cached.states[t], bias), mekf
+            yield t, message, error_of(message, cached.states[t], now.bias), mekf
 
 
 def monte_carlo(cached: Cached, setup: Setup, runs: int, every: int = 10, first: int = 0) -> tuple[F64, F64]:
