@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp as _solve_ivp  # pyright: ignore[reportUnknownVariableType]
 from scipy.spatial.transform import Rotation
 
 from benchmarks.scenarios.feed import fed
@@ -20,6 +20,7 @@ from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
 from modules.estimation.analysis.bound import Bound
 from modules.estimation.pose_mekf import PoseMekf, PoseMekfParams
 
+solve_ivp: Any = _solve_ivp  # pyright: ignore[reportUnknownVariableType]
 MU, RE, J2, WE = 3.986004415e14, 6378136.3, 1.0826261738522e-3, 7.292115e-5
 ARCSEC = np.pi / 648000.0
 WGS84 = np.array([6378137.0, 6378137.0, 6356752.314245])
@@ -405,8 +406,8 @@ def monte_carlo(cached: Cached, setup: Setup, runs: int, every: int = 10, first:
 def nees(errors: F64, P: F64) -> F64:
     """(runs, K)."""
     s = np.sqrt(np.einsum("mkii->mki", P))
-    white = np.linalg.solve(P / (s[..., :, None] * s[..., None, :]), (errors / s)[..., None])[..., 0]
-    return np.sum(white * errors / s, axis=-1)
+    white = np.linalg.solve(P / (s[..., :, None] * s[..., None, :]), (errors / s)[..., None])
+    return np.einsum("mki,mki->mk", np.asarray(white, np.float64)[..., 0], errors / s)
 
 
 def pcrb(cached: Cached, setup: Setup, everything: bool = False) -> F64:
