@@ -94,7 +94,7 @@ def spread(
 
 
 @compiled
-def _slope(light: F32, edge: U8, i: int, j: int, down: int, right: int) -> float:
+def _slope(light: F32, edge: U8, i: int, j: int, down: int, right: int) -> np.float32:
     """Growth of the light from pixel to pixel, from those neighbours that have no limb."""
     total, count = np.float32(0.0), 0
     for sign in (-1, 1):
