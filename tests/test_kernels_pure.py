@@ -111,6 +111,7 @@ _ESTIMATE = {"out_filter.x", "out_filter.P", "out_nav.r_BN_N", "out_nav.v_BN_N"}
 PREDICTED = {
     "RelativeOdUkf": _ESTIMATE,
     "PixelLineBiasUkf": _ESTIMATE,
+    "EarthTrackerEkf": {"out_filter.x", "out_filter.P"},  # as it was, with its time; a torque of NaN predicts nothing
     "PoseMekf": {
         *(f"out_filter.{name}" for name in ("r_BN_N", "v_BN_N", "beta_BN", "bias_B", "P")),
         *("out_nav.r_BN_N", "out_nav.v_BN_N", "out_att.sigma_BN", "out_att.omega_BN_B"),
