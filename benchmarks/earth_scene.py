@@ -28,6 +28,7 @@ from sim.camera.earth_camera.clouds import BRIGHTNESS
 
 CV: Any = cv2
 RASTERIO: Any = rasterio
+WARP: Any = warp
 DATA = Path(__file__).parents[1] / "sim" / "data"
 LUMA = np.array([0.299, 0.587, 0.114])
 
@@ -47,7 +48,7 @@ def another_date(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], rng: np.random
     """
     light = rgb.astype(np.float64) / 255.0
     grey, green = light.mean(axis=2), light[..., 1] - 0.5 * (light[..., 0] + light[..., 2])
-    soft = CV.GaussianBlur(np.dstack([grey, green]), (0, 0), 1.0)
+    soft: F64 = CV.GaussianBlur(np.dstack([grey, green]), (0, 0), 1.0)
     bright = np.digitize(soft[..., 0], np.quantile(soft[..., 0][mask], [1 / 3, 2 / 3]))
     lush = soft[..., 1] > np.quantile(soft[..., 1][mask], 0.5)
     kind = 2 * bright + lush
@@ -87,7 +88,8 @@ def write_date(source: Path, target: Path, rng: np.random.Generator, coarser: fl
 def write_relief(source: Path, target: Path, relief: float, rng: np.random.Generator) -> Path:
     """Heights from 0 to ``relief`` [m] under a raster, in pixels of some 90 m; mountains of some 5 km."""
     with RASTERIO.open(source) as data:
-        west, south, east, north = warp.transform_bounds(data.crs, "EPSG:4326", *data.bounds)
+        box: tuple[float, float, float, float] = WARP.transform_bounds(data.crs, "EPSG:4326", *data.bounds)
+    west, south, east, north = box
     step, edge = 0.0008, 0.02
     shape = int((north - south + 2.0 * edge) / step), int((east - west + 2.0 * edge) / step)
     hills = field(rng, shape, 60.0) + 0.3 * field(rng, shape, 15.0)

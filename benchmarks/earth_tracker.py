@@ -204,7 +204,7 @@ def accuracy(result: Result) -> str:
     size = np.linalg.norm(result.error, axis=1)
     good = result.error[size < WRONG_PX]
     sigma = f"{np.sqrt(np.mean(good**2)):.2f}" if len(good) else "-"
-    near = 100.0 * np.mean(np.abs(result.error).max(axis=1) < LIMIT_PX)
+    near = 100.0 * float((np.abs(result.error).max(axis=1) < LIMIT_PX).mean())
     stated = "-" if np.isnan(result.square).any() else f"{100.0 * np.mean(result.square <= 9.0):.1f} %"
     return f"{len(size)} | {sigma} | {near:.1f} % | {stated} | {int((size >= WRONG_PX).sum())}"
 

@@ -93,7 +93,9 @@ def measure(case: Case, runs: int, seed: int = 1, circle: bool = True, bounds_of
         scene = Scene(given, rng)
         sight = scene.r_PC_C / scene.range
         if k < bounds_of:  # it differs little between places
-            bounds.append(np.array([_variances(np.linalg.inv(f), sight) for f in information(scene)]))
+            bounds.append(
+                np.array([_variances(np.asarray(np.linalg.inv(f), np.float64), sight) for f in information(scene)])
+            )
         image = scene.picture(scene.radiance(), 1000 * seed + k)
         chain = Chain(scene, "limb")
         answer = chain.look(image)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba import _dynfunc
+from numba._dynfunc import make_function
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import register_pass
@@ -88,7 +88,7 @@ class _Translation(NativeLowering):
         made = state.cr
         name, module = made.fndesc.qualname.rpartition(".")[2], made.fndesc.lookup_module()
         # callers know it by an object of its own; what this would run, if anybody called it, does not exist
-        known = _dynfunc.make_function(module, name, "", 0, made.env, (state.library,))
+        known = make_function(module, name, "", 0, made.env, (state.library,))
         state.targetctx.insert_user_function(known, made.fndesc, [state.library])
         state.reload_init.extend(state.library._reload_init)
         state.cr = made._replace(cfunc=known)

@@ -224,10 +224,11 @@ def test_mountains_off_nadir(black: GeoMap, tmp_path: Path, criterion: Callable[
     made: list[Tried] = []
     for case in range(4):
         rng = np.random.default_rng(3000 + case)
-        place = tuple(np.radians(np.array([-25.34, -54.54]) + rng.uniform(-0.05, 0.05, 2)).tolist())
-        pose = scenes.pose_over(*place, 500e3, np.radians(10.0 * (case + 1)), *rng.uniform(0.0, 2.0 * np.pi, 2))
-        camera = scenes.random_camera(30.0, float(np.linalg.norm(pose[0] - scenes.at(*place))), 800, rng)
-        shot = scenes.shoot(maps, black, camera, pose, scenes.random_sky(*place, rng, 0.0), rng)
+        lat, lon = np.radians(np.array([-25.34, -54.54]) + rng.uniform(-0.05, 0.05, 2)).tolist()
+        azimuth, turn = rng.uniform(0.0, 2.0 * np.pi, 2).tolist()
+        pose = scenes.pose_over(lat, lon, 500e3, np.radians(10.0 * (case + 1)), azimuth, turn)
+        camera = scenes.random_camera(30.0, float(np.linalg.norm(pose[0] - scenes.at(lat, lon))), 800, rng)
+        shot = scenes.shoot(maps, black, camera, pose, scenes.random_sky(lat, lon, rng, 0.0), rng)
         made.append(Tried(shot, track(catalogue, shot.photo, shot.camera, off_by(shot, rng))))
     assert all(t.found.count > 30 for t in made)
     criterion("TRACK-11", float(np.sqrt(np.mean(np.concatenate([t.error for t in made]) ** 2))))
