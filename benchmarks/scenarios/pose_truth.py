@@ -405,9 +405,10 @@ def monte_carlo(cached: Cached, setup: Setup, runs: int, every: int = 10, first:
 
 def nees(errors: F64, P: F64) -> F64:
     """(runs, K)."""
-    s = np.sqrt(np.einsum("mkii->mki", P))
-    white = np.linalg.solve(P / (s[..., :, None] * s[..., None, :]), (errors / s)[..., None])
-    return np.einsum("mki,mki->mk", np.asarray(white, np.float64)[..., 0], errors / s)
+    s = np.sqrt(np.diagonal(P, axis1=2, axis2=3))
+    scaled = errors / s
+    white = np.asarray(np.linalg.solve(P / (s[..., :, None] * s[..., None, :]), scaled[..., None]), np.float64)
+    return np.asarray(np.sum(white[..., 0] * scaled, axis=-1))
 
 
 def pcrb(cached: Cached, setup: Setup, everything: bool = False) -> F64:
