@@ -75,7 +75,7 @@ def incidence(view: View, e: Ellipse, count: int) -> Incidence:
     limb, inner = rays[:count], rays[count:]
     axis = _axis(limb)
     out = limb - (limb @ axis)[:, None] * axis
-    sine = np.linalg.norm(out, axis=1)
+    sine: F64 = np.linalg.norm(out, axis=1)
     rho = float(np.mean(np.arcsin(np.minimum(sine, 1.0))))
     out /= sine[:, None]
     normal = math.cos(rho) * out - math.sin(rho) * axis
@@ -125,7 +125,7 @@ def brightness(seen: Incidence, depth: float) -> F64:
     lit = mu0 > 0.0
     seeliger = mu0 / (mu0 + mu)
     minnaert = np.where(lit, np.maximum(mu0, 1e-9), 0.0) ** 0.7 * np.maximum(mu, 1e-3) ** -0.3
-    return np.array([seeliger, mu0, seeliger * mu, lit * 1.0, lit * mu, minnaert, mu0 * mu])
+    return np.array([seeliger, mu0, seeliger * mu, lit * 1.0, lit * mu, minnaert, mu0 * mu], np.float64)
 
 
 def terminator(seen: Incidence) -> F64:

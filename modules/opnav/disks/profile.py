@@ -243,12 +243,13 @@ class Problem:
         light, square = np.maximum(n.bright * n.shapes[0], 0.0)[used], (left**2 / n.share)[used] / freedom
         w = n.weight[used] ** 2
         rows = np.stack([np.ones_like(light), light])
-        even, per = np.linalg.solve((rows * w) @ rows.T + FREE * np.eye(2) * w.sum(), (rows * w) @ square)
+        left_side, right_side = (rows * w) @ rows.T + FREE * np.eye(2) * w.sum(), (rows * w) @ square
+        even, per = np.asarray(np.linalg.solve(left_side, right_side), np.float64).tolist()
         if even <= 0.0:
             even, per = 0.0, float((w * light * square).sum() / (w * light * light).sum())
         elif per <= 0.0:
             even, per = float(np.average(square, weights=w)), 0.0
-        self.noises = (max(float(even), 0.02 * float(square.mean()), 1e-12), float(per))
+        self.noises = (max(even, 0.02 * float(square.mean()), 1e-12), per)
 
     def learn_inward(self, u: Unknown, P: F64) -> None:
         """Variance of the brightness' change inward, from its values and their covariance with it as it was."""
@@ -282,7 +283,7 @@ class Problem:
         prior, pull = self.prior(u, held)
         A, b, k = self.reduced(u, n)
         A = A + prior
-        P = np.linalg.inv(A)
+        P = np.asarray(np.linalg.inv(A), np.float64)
         step = P @ (b + pull)
         cells = np.empty_like(k)
         restore(n.K, k, n.V, self.gain_info, self.shift_info, step, cells)
@@ -422,11 +423,14 @@ def fit(problem: Problem, u: Unknown) -> tuple[Unknown, F64] | None:
     problem.move(e)
     problem.light(e)
     A, _, _ = problem.reduced(grown, problem.normal(grown))
-    return grown, np.linalg.inv(A + problem.prior(grown, False)[0])
+    return grown, np.asarray(np.linalg.inv(A + problem.prior(grown, False)[0]), np.float64)
 
 
 def _iterate(problem: Problem, u: Unknown, learn: bool) -> tuple[Unknown, F64] | None:
-    """Gauss-Newton until the outline stays; with ``learn``, the variances are estimated on the way."""
+    """Gauss-Newton until the outline stays; None if it does not.
+
+    With ``learn``, the variances are estimated on the way, and the last of the rounds will do.
+    """
     begin = problem.d
     for k in range(ROUNDS):
         problem.held = k >= HELD_FROM or not learn
@@ -440,9 +444,11 @@ def _iterate(problem: Problem, u: Unknown, learn: bool) -> tuple[Unknown, F64] |
             return None
         if _apart(problem.e, problem.lit_for) > LIGHT_PX:
             problem.light(problem.e)
-        if k >= 4 and bool((np.abs(step[:CURVE]) < SETTLED * np.sqrt(np.maximum(np.diag(P)[:CURVE], 0.0))).all()):
+        sigma = np.sqrt(np.maximum(np.diag(P)[:CURVE], 0.0))
+        settled = k >= 4 and bool((np.abs(step[:CURVE]) < SETTLED * sigma).all())
+        if settled or (learn and k == ROUNDS - 1):
             return u, P
-    return (u, P) if learn else None
+    return None
 
 
 def _apart(a: Ellipse, b: Ellipse) -> float:

@@ -30,7 +30,7 @@ def points_of(problem: Problem, u: Unknown, P: F64) -> Limb:
     push = n.k[:, 1] - K[:, 1] / a * (n.k[:, 0] - u.gain / problem.gain_sd**2)
     shift = u.shift + push / information
     pixels = np.bincount(band.cell, n.weight > 0.0, band.cells)
-    theta = (np.arange(band.cells) + 0.5) * (TURN / band.cells)
+    theta = (np.arange(band.cells, dtype=np.float64) + 0.5) * (TURN / band.cells)
     reach, nx, ny = e.at(theta)
     x, y = e.x + reach * np.cos(theta), e.y + reach * np.sin(theta)
     sigma = information**-0.5
