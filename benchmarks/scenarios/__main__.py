@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-from benchmarks.scenarios import disk, pose, propagation, short_arc
+from benchmarks.scenarios import disk, fusion, pose, propagation, short_arc
 from benchmarks.scenarios.result import Scenario, section
 from fsw.files import atomic
 
@@ -35,6 +35,7 @@ def jobs(runs: int) -> dict[str, list[Callable[[], list[Scenario]]]]:
     made: dict[str, list[Callable[[], list[Scenario]]]] = {}
     for case in pose.CASES:
         made.setdefault(case.name, []).append(partial(pose.study, case, runs))
+    made["EKF"] = [partial(fusion.study, runs)]
     made["S12"] = [partial(disk.study, offset, max(2, runs // 10)) for offset in disk.OFFSETS_DEG]
     made["S13"] = [partial(short_arc.study, 10 * runs)]
     made["S15"] = [propagation.study]

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.baselines.seed_ekf import AS_WRITTEN, BUG_FIXED, SeedEkf, Settings, geodetic, tuned
-from messages.base import F64
-from tests.modules.estimation.earth_truth import (
+from benchmarks.scenarios.earth_truth import (
     GROUND,
     Camera,
     Motion,
@@ -20,6 +19,7 @@ from tests.modules.estimation.earth_truth import (
     state_of,
     turn_between,
 )
+from messages.base import F64
 
 INERTIA = np.array([0.04, 0.05, 0.02])
 

@@ -11,22 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fsw import s
-from fsw.math.compiled import plain
-from fsw.math.epoch import epoch
-from fsw.math.geomagnetic import coefficients_at
-from fsw.math.magnetic import RADIUS as MAGNETIC_RADIUS
-from fsw.math.magnetic import harmonic_field
-from fsw.math.vectors import inverse, mat3, vec3
-from messages.base import F64, fields_of
-from messages.sensors import CSSArraySensorMsg, StarVectorsMsg, TAMSensorMsg
-from modules.estimation.analysis import efficiency
-from modules.estimation.earth_tracker_ekf import dynamics, error, initial_state, status
-from modules.estimation.earth_tracker_ekf.fuse import batch, federated, white_update
-from modules.estimation.earth_tracker_ekf.linearise import linearised
-from modules.estimation.pose_models.landmarks import landmark_from_camera
-from sim.environment.magnetic_field import igrf14
-from tests.modules.estimation.earth_runs import (
+from benchmarks.scenarios.earth_runs import (
     NARROW,
     P0,
     WIDE,
@@ -38,7 +23,7 @@ from tests.modules.estimation.earth_runs import (
     params_of,
     tracker_message,
 )
-from tests.modules.estimation.earth_truth import (
+from benchmarks.scenarios.earth_truth import (
     INERTIA,
     J2,
     MU,
@@ -56,6 +41,21 @@ from tests.modules.estimation.earth_truth import (
     state_of,
     turn_between,
 )
+from fsw import s
+from fsw.math.compiled import plain
+from fsw.math.epoch import epoch
+from fsw.math.geomagnetic import coefficients_at
+from fsw.math.magnetic import RADIUS as MAGNETIC_RADIUS
+from fsw.math.magnetic import harmonic_field
+from fsw.math.vectors import inverse, mat3, vec3
+from messages.base import F64, fields_of
+from messages.sensors import CSSArraySensorMsg, StarVectorsMsg, TAMSensorMsg
+from modules.estimation.analysis import efficiency
+from modules.estimation.earth_tracker_ekf import dynamics, error, initial_state, status
+from modules.estimation.earth_tracker_ekf.fuse import batch, federated, white_update
+from modules.estimation.earth_tracker_ekf.linearise import linearised
+from modules.estimation.pose_models.landmarks import landmark_from_camera
+from sim.environment.magnetic_field import igrf14
 from tests.modules.estimation.filter_truth import outside_band
 
 Criterion = Callable[[str, float], None]

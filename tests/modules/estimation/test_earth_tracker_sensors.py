@@ -8,19 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fsw import Simulation, Task, minutes, ms, s
-from fsw.math.attitude import mrp_to_dcm
-from fsw.math.compiled import plain
-from fsw.math.epoch import epoch
-from fsw.math.geomagnetic import coefficients_at
-from messages.base import F64
-from messages.control import CmdTorqueBodyMsg
-from messages.sensors import CSSArraySensorMsg, STAttMsg
-from modules.estimation.earth_tracker_ekf import BATCH, FEDERATED, EarthTrackerEkf, status
-from sim.environment.magnetic_field import igrf14
-from sim.environment.star_catalogue import bright_stars
-from sim.scenarios.leo_sensors.graph import ARM_B, DCM_SIDE, DCM_ZENITH, EPOCH, GYRO_BIAS, build
-from tests.modules.estimation.earth_runs import (
+from benchmarks.scenarios.earth_runs import (
     ACCEL,
     ARW,
     COUNT,
@@ -39,7 +27,7 @@ from tests.modules.estimation.earth_runs import (
     tracker_message,
     wired,
 )
-from tests.modules.estimation.earth_truth import (
+from benchmarks.scenarios.earth_truth import (
     Camera,
     Motion,
     disturbed,
@@ -50,6 +38,18 @@ from tests.modules.estimation.earth_truth import (
     turn_between,
     with_noise,
 )
+from fsw import Simulation, Task, minutes, ms, s
+from fsw.math.attitude import mrp_to_dcm
+from fsw.math.compiled import plain
+from fsw.math.epoch import epoch
+from fsw.math.geomagnetic import coefficients_at
+from messages.base import F64
+from messages.control import CmdTorqueBodyMsg
+from messages.sensors import CSSArraySensorMsg, STAttMsg
+from modules.estimation.earth_tracker_ekf import BATCH, FEDERATED, EarthTrackerEkf, status
+from sim.environment.magnetic_field import igrf14
+from sim.environment.star_catalogue import bright_stars
+from sim.scenarios.leo_sensors.graph import ARM_B, DCM_SIDE, DCM_ZENITH, EPOCH, GYRO_BIAS, build
 from tests.modules.estimation.filter_truth import outside_band
 
 Criterion = Callable[[str, float], None]

@@ -7,17 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm as _expm
+from scipy.linalg import expm as _expm  # pyright: ignore[reportUnknownVariableType]
 from scipy.spatial.transform import Rotation
 
-from fsw import OutPort, s
-from messages.base import F64
-from messages.environment import PlanetOrientationMsg
-from messages.filters import EarthTrackerFilterMsg
-from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
-from modules.estimation.analysis import Bound
-from modules.estimation.earth_tracker_ekf import EarthTrackerEkf
-from tests.modules.estimation.earth_truth import (
+from benchmarks.scenarios.earth_truth import (
     ARCSEC,
     INERTIA,
     J2,
@@ -39,9 +32,16 @@ from tests.modules.estimation.earth_truth import (
     turn_between,
     with_noise,
 )
-from tests.modules.opnav.disk_truth import sources
+from benchmarks.scenarios.feed import fed
+from fsw import OutPort, s
+from messages.base import F64
+from messages.environment import PlanetOrientationMsg
+from messages.filters import EarthTrackerFilterMsg
+from messages.sensors import GPSSensorMsg, IMUSensorMsg, STAttMsg
+from modules.estimation.analysis import Bound
+from modules.estimation.earth_tracker_ekf import EarthTrackerEkf
 
-expm: Any = _expm
+expm: Any = _expm  # pyright: ignore[reportUnknownVariableType]
 ARW = math.radians(0.1) / 60.0
 """Angle random walk of the gyro [rad/s^0.5]; at 1 Hz its readings have this error [rad/s]."""
 TRACKER = np.array([10.0, 10.0, 60.0]) * ARCSEC
@@ -80,7 +80,7 @@ def params_of(x: F64, **more: Any) -> EarthTrackerEkf.Params:
 def wired(x: F64, camera: Camera | None = None, **more: Any) -> Wired:
     """A filter and its inputs; the Earth turns and is at its zero at the start."""
     ekf = EarthTrackerEkf("ekf", params_of(x, **more))
-    feed = sources(ekf)
+    feed = fed(ekf)
     feed["in_orientation"].write(PlanetOrientationMsg(dcm_EN=earth(0.0), omega_EN_N=np.array([0.0, 0.0, SPIN])), 0)
     if camera is not None:
         feed["in_camera"].write(camera.message, 0)
@@ -95,15 +95,18 @@ def latest(ekf: EarthTrackerEkf) -> EarthTrackerFilterMsg:
 
 
 def gyro_message(m: Motion, noise: F64) -> IMUSensorMsg:
+    """A reading of the gyro."""
     return IMUSensorMsg(omega_PN_P=m.omega + noise, accel_P=np.full(3, np.nan))
 
 
 def tracker_message(m: Motion, noise: F64, t_ns: int) -> STAttMsg:
+    """An attitude of the star tracker."""
     a, b, c, w = np.asarray(Rotation.from_matrix((rotation(noise) @ m.dcm_BN).T).as_quat())
     return STAttMsg(exposure_ns=t_ns, valid=True, beta_SN=np.array([w, a, b, c]))
 
 
 def gps_message(m: Motion, noise: F64, t: float) -> GPSSensorMsg:
+    """A fix of the receiver."""
     E, spin = earth(t), np.array([0.0, 0.0, SPIN])
     r, v = E @ m.r + noise[:3], E @ (m.v - np.cross(spin, m.r)) + noise[3:]
     return GPSSensorMsg(fix_ns=round(t * 1e9), r_AE_E=r, v_AE_E=v, lat=0.0, lon=0.0, h=0.0)
@@ -126,6 +129,7 @@ class Bounded:
     """The bound along the nominal motion, by derivatives of its own."""
 
     def __init__(self, nominal: Motion, P: F64) -> None:
+        """Start with the prior P (12, 12) of the error relative to O."""
         size, T = np.sqrt(np.diag(P)), np.empty((12, 12))
         for j in range(12):  # the prior is of the error relative to O
             step = np.zeros((2, 12))
@@ -136,6 +140,7 @@ class Bounded:
         self.bound = Bound(T @ P @ T.T)
 
     def predict(self, m: Motion, dt: float, accel: float, torque: float) -> None:
+        """Over dt [s], with these densities."""
         F = np.zeros((12, 12))
         F[:3, 3:6] = F[6:9, 9:] = np.eye(3)
         F[3:6, :3] = np.column_stack([(gravity(m.r + e) - gravity(m.r - e)) / 20.0 for e in 10.0 * np.eye(3)])
@@ -147,6 +152,7 @@ class Bounded:
         self.bound.predict(expm(F * dt), Q)
 
     def landmarks(self, m: Motion, camera: Camera, r_LE_E: F64, t: float, sigma: float) -> None:
+        """An image."""
         p = (r_LE_E @ earth(t) - m.r) @ m.dcm_BN.T
         H = np.zeros((2 * len(p), 12))
         for i, (x, y, z) in enumerate(p):
@@ -160,10 +166,12 @@ class Bounded:
 
 
 def cross(a: F64) -> F64:
+    """Matrix [a x]."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def relative_to_N(true: Motion, nominal: Motion) -> F64:
+    """Error state (12,) relative to N."""
     turn = turn_between(true.dcm_BN, nominal.dcm_BN)
     return np.concatenate([true.r - nominal.r, true.v - nominal.v, turn, true.omega - nominal.omega])
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp as _solve_ivp
+from scipy.integrate import solve_ivp as _solve_ivp  # pyright: ignore[reportUnknownVariableType]
 from scipy.spatial.transform import Rotation
 
 from messages.base import F64
 from messages.opnav import MAX_LANDMARKS, CameraConfigMsg, LandmarksMsg
 
-solve_ivp: Any = _solve_ivp
+solve_ivp: Any = _solve_ivp  # pyright: ignore[reportUnknownVariableType]
 MU, RADIUS, J2 = 3.986004415e14, 6378136.3, 1.08262617385222e-3
 SPIN = 7.292115e-5
 """Of the Earth [rad/s], about the z axis of N."""
@@ -55,7 +55,7 @@ def orbit_frame(r: F64, v: F64) -> F64:
     """dcm_ON (..., 3, 3)."""
     z = -r / np.linalg.norm(r, axis=-1, keepdims=True)
     y = -np.cross(r, v)
-    y /= np.linalg.norm(y, axis=-1, keepdims=True)
+    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
     return np.stack([np.cross(y, z), y, z], axis=-2)
 
 
@@ -91,11 +91,13 @@ def slope(y: F64, torque: F64) -> F64:
 
 
 def packed(m: Motion) -> F64:
+    """As numbers (runs, 13)."""
     q = np.asarray(Rotation.from_matrix(np.swapaxes(m.dcm_BN, -1, -2)).as_quat())
     return np.hstack([m.r, m.v, q, m.omega])
 
 
 def unpacked(y: F64) -> Motion:
+    """From numbers (runs, 13)."""
     dcm = np.asarray(Rotation.from_quat(y[:, 6:10]).as_matrix())
     return Motion(y[:, :3].copy(), y[:, 3:6].copy(), np.swapaxes(dcm, -1, -2), y[:, 10:].copy())
 
