@@ -268,7 +268,7 @@ def _draw_edges(canvas: NDArray[np.uint8], maps: GeoMap, lens: F64, r_CE_E: F64,
 
 def _draw_grid(canvas: NDArray[np.uint8], lens: F64, r_CE_E: F64, dcm_CE: F64, size: float) -> None:
     rows, columns = canvas.shape[:2]
-    edge = np.array([[x, y] for x in np.linspace(0, columns - 1, 9) for y in np.linspace(0, rows - 1, 9)])
+    edge: F64 = np.mgrid[0:1:9j, 0:1:9j].reshape(2, -1).T * [columns - 1.0, rows - 1.0]
     ground = np.degrees(ground_points(lens, r_CE_E, dcm_CE, edge)[:, :2])
     ground = ground[np.isfinite(ground).all(axis=1)]
     lon0 = float(ground[0, 1])
