@@ -54,9 +54,9 @@ def gravity(r: F64) -> F64:
 def orbit_frame(r: F64, v: F64) -> F64:
     """dcm_ON (..., 3, 3)."""
     z = -r / np.linalg.norm(r, axis=-1, keepdims=True)
-    y = -np.cross(r, v)
+    y: F64 = -np.cross(r, v)
     y = y / np.linalg.norm(y, axis=-1, keepdims=True)
-    return np.stack([np.cross(y, z), y, z], axis=-2)
+    return np.asarray(np.stack([np.cross(y, z), y, z], axis=-2), np.float64)
 
 
 def orbit_rate(r: F64, v: F64, h: float = 0.05) -> F64:

@@ -50,7 +50,7 @@ def judged(setup: Setup, o: Outcome) -> Result:
     errors = [np.swapaxes(e, 0, 1) for e in (o.position, o.attitude)]
     bounds = [o.bound[:, g, g] for g in (slice(0, 3), slice(6, 9))]
     scores = [efficiency(e, b) for e, b in zip(errors, bounds, strict=True)]
-    sigma = float(bounds[0][-1].trace()) ** 0.5
+    sigma = scores[0].bound
     lost = divergences(errors[0][:, -1], np.array([sigma]), max(10e3, 5.0 * sigma))
     runs, value = len(errors[0]), float(np.mean(o.nees[-1]))
     limits = band(12, runs)
@@ -101,7 +101,7 @@ def study(runs: int) -> list[Scenario]:
         lines.append(f"| {name} | {rms:.2f} | {np.mean(o.nees[-1]):.2f} | {cells} |")
     text = (
         f"Thirteen states (position, velocity, attitude and rate relative to the orbit frame) and rigid-body motion; "
-        f"the gyro is a measurement. {SECONDS} s, sensors at 1 Hz, an image of 30 landmarks every {EVERY} s, {runs} runs "
-        f"({few} for the forms, with star tracker and GPS)."
+        f"the gyro is a measurement. {SECONDS} s, sensors at 1 Hz, an image of 30 landmarks every {EVERY} s, "
+        f"{runs} runs ({few} for the forms, with star tracker and GPS)."
     )
     return [Scenario("EKF", "the 13-state filter and fusion", text, results, ["", *lines, "", WHY])]
