@@ -36,7 +36,7 @@ def jobs(runs: int) -> dict[str, list[Callable[[], list[Scenario]]]]:
     for case in pose.CASES:
         made.setdefault(case.name, []).append(partial(pose.study, case, runs))
     made["EKF"] = [partial(fusion.study, runs)]
-    made["S12"] = [partial(disk.study, offset, max(2, runs // 10)) for offset in disk.OFFSETS_DEG]
+    made["S12"] = [partial(disk.study, offset, max(2, runs // 20)) for offset in disk.OFFSETS_DEG]
     made["S13"] = [partial(short_arc.study, 10 * runs)]
     made["S15"] = [propagation.study]
     return made
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         description="Run every filter in the scenarios of the mission, against the Cramer-Rao bound; write a page.",
         epilog="With --only the page goes to standard output alone unless -o is given.",
     )
-    parser.add_argument("--runs", type=int, default=100, help="runs of each scenario (default 100; S12 a tenth)")
+    parser.add_argument("--runs", type=int, default=100, help="runs of each scenario (default 100; S12 a twentieth)")
     parser.add_argument("--only", nargs="+", choices=known, metavar="S", help=f"some of {', '.join(known)}")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page (default docs/scenarios.md)")
@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
                 sys.stdout.write(parts[-1] + "\n")
             sys.stderr.write(f"{k + 1} of {len(chosen)} done after {time.monotonic() - started:.0f} s\n")
             sys.stdout.flush()
-    fewer = "S12 a tenth, S13 ten times, the long S10 a tenth, the source's filter a few"
+    fewer = "S12 a twentieth, S13 ten times, the long S10 a tenth, the source's filter a few"
     page = f"{HEAD}\nRuns of each scenario: {given.runs} ({fewer}).\n\n" + "\n".join(parts)
     output = given.output if given.output or given.only else PAGE
     if output:

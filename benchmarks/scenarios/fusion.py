@@ -51,8 +51,9 @@ def judged(setup: Setup, o: Outcome) -> Result:
     bounds = [o.bound[:, g, g] for g in (slice(0, 3), slice(6, 9))]
     scores = [efficiency(e, b) for e, b in zip(errors, bounds, strict=True)]
     sigma = scores[0].bound
-    lost = divergences(errors[0][:, -1], np.array([sigma]), max(10e3, 5.0 * sigma))
-    runs, value = len(errors[0]), float(np.mean(o.nees[-1]))
+    lost = divergences(errors[0][:, -1], np.full(1, sigma), max(10e3, 5.0 * sigma))
+    runs = len(errors[0])
+    value = float(np.add.reduce(o.nees[-1])) / runs
     limits = band(12, runs)
     good = max(s.eta for s in scores) <= 1.1 and limits[0] <= value <= limits[1]
     return Result(

@@ -213,7 +213,7 @@ def study(case: Case, runs: int) -> list[Scenario]:
         results.append(judge(case, "PoseMekf without these states", False, blind, bound))
     for flavour in case.flavours if case.altitudes_m else ():
         for altitude in case.altitudes_m:
-            errors, ms = seed.study(cached, case.setup, flavour, max(2, runs // 33), altitude, EVERY)
+            errors, ms = seed.study(cached, case.setup, flavour, max(2, runs // 50), altitude, EVERY)
             assumed = f", {altitude / 1e3:.0f} km assumed" if len(case.altitudes_m) > 1 else ""
             results.append(judge(case, f"source, {flavour}{assumed}", False, Study(errors, None, ms), bound))
     return [Scenario(case.name, case.title, case.text, results)]
