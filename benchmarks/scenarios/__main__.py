@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-from benchmarks.scenarios import disk, fusion, pose, propagation, short_arc
+from benchmarks.scenarios import disk, fusion, images, pose, propagation, short_arc
 from benchmarks.scenarios.result import Scenario, section
 from fsw.files import atomic
 
@@ -38,8 +38,10 @@ def jobs(runs: int) -> dict[str, list[Callable[[], list[Scenario]]]]:
     made["EKF"] = [partial(fusion.study, runs)]
     made["S12"] = [partial(disk.study, offset, max(2, runs // 20)) for offset in disk.OFFSETS_DEG]
     made["S13"] = [partial(short_arc.study, 10 * runs)]
+    made["S9"] = [images.seasons]
+    made["S14"] = [partial(images.cold, max(3, runs // 10))]
     made["S15"] = [propagation.study]
-    return made
+    return dict(sorted(made.items(), key=lambda pair: (pair[0][0] != "S", len(pair[0]), pair[0])))
 
 
 def _run(job: Callable[[], list[Scenario]]) -> list[Scenario]:
