@@ -166,7 +166,10 @@ TAIL = """
 
 - With camera, attitude and Sun, LimbFinder fits one model of the light to all pixels near the limb: laws of reflection
   blurred by the point-spread function, with the unknowns above free and random factors and shifts for each cell of the
-  limb. What the points have in common comes from that fit's covariance, as `modes_px`; nothing is set by hand.
+  limb. What the points have in common comes from that fit's covariance, as `modes_px`. Priors of the shares of the
+  laws, of the blur's tails and of the brightness are set by hand.
+- A body that reflects by another law than these (a limb darkened by a polynomial, seen head on) is measured up to
+  0.7 px wrong, and what is stated is then too small.
 - Lommel-Seeliger's limb is brighter than the detector's top here. Such pixels are left out by what the model expects.
   On the largest disk all that is left of that limb is its flank; the errors there are above what is stated.
 - Texture is a random change of brightness along the limb and inward, with variances from the pixels.
