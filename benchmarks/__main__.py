@@ -107,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
             status.update("disks in images")
             disks = vision_disks.measure(given.repeats, basilisk_too=vision_disks.installed())
             status.update("landmarks of the Earth")
-            if not given.quick:
+            if given.scale >= 1.0:
                 earth_tracker.main(["--repeats", str(given.repeats)])
         if given.only in ("all", "framework") and not given.no_start:
             status.update("start")
@@ -118,7 +118,7 @@ def main(arguments: list[str] | None = None) -> int:
         console.print(table(report))
     if disks:
         console.print(vision_disks.table(disks))
-        if not given.quick:
+        if given.scale >= 1.0:
             vision_disks.write(disks, f"{machine}, {cores} cores, Python {report.python}")
     if agreement:
         console.print(f"Both sides without noise after {closed_loop.AGREE_TICKS} ticks of 0.1 s, greatest difference:")

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import affine
 import cv2
 import numpy as np
 import rasterio
@@ -66,6 +67,7 @@ WORSE = 0.3
 """Radians of longitude between meridians are no less than this times those between parallels: cosine of latitude."""
 CV: Any = cv2
 WARP: Any = warp
+AFFINE: Any = affine.Affine
 RASTERIO: Any = rasterio
 
 
@@ -152,7 +154,9 @@ def _map(case: Case) -> tuple[NDArray[np.uint8], Callable[[F64], F64]]:
         bounds = WARP.transform_bounds("EPSG:4326", data.crs, west, south, east, north)
         window = data.window(*bounds).round_offsets().round_lengths()
         window = window.intersection(RASTERIO.windows.Window(0, 0, data.width, data.height))
-        colour, crs, transform = data.read([1, 2, 3], window=window), data.crs, data.window_transform(window)
+        colour, crs = data.read([1, 2, 3], window=window), data.crs
+        # by hand: rasterio 1.4 multiplies in a way that affine 3 warns of
+        transform = data.transform @ AFFINE.translation(window.col_off, window.row_off)
     grey = np.rint(np.tensordot(LUMA, colour, 1)).astype(np.uint8)
 
     def places(pixel: F64) -> F64:

@@ -161,31 +161,6 @@ def gain_columns(points: F64, middle: F64, seen: F64, mean: F64, weights: Weight
 
 
 @compiled
-def gain_of_drawn(S: F64, seen: F64, weights: Weights, factor: F64, U: F64) -> int:
-    """`gain_columns` of points just drawn: pairs differ by twice gamma S, so few products are left and none cancels.
-
-    Args:
-        S: lower factor (n, n) that the points were drawn from.
-        seen: what they see (2n + 1, m).
-        weights: of `unscented_weights`.
-        factor: lower factor of the innovation's covariance (m, m).
-        U: out (n, m).
-    """
-    n, m = U.shape
-    gamma, _, _, w = weights
-    for i in range(n):
-        for k in range(m):
-            total = 0.0
-            for p in range(i + 1):
-                total += S[i, p] * (seen[1 + p, k] - seen[1 + n + p, k])
-            U[i, k] = w * gamma * total
-        code = solve_lower(factor, U[i])
-        if code != OK:
-            return code
-    return OK
-
-
-@compiled
 def take_away(S: F64, U: F64, column: F64) -> int:
     """S (n, n) <- lower factor of S S' - U U', U (n, m), one column after the other; ``column`` (n,) is work.
 
@@ -290,7 +265,7 @@ def measurement_update(
     if nis > gate:
         return GATED, nis
     U, trial, column = np.empty((n, m)), np.empty((n, n)), np.empty((2, n))
-    code = gain_of_drawn(S, seen, weights, factor, U)
+    code = gain_columns(points, x, seen, mean[0], weights, factor, U)
     if code != OK:
         return code, math.nan
     for i in range(n):

@@ -39,6 +39,8 @@ def flight(flavour: str, seconds: int, seed: int = 1, **more: float) -> tuple[fl
         if k % 10 == 0:
             seen = camera.landmarks(m, 10, k, rng)
             ekf.earth_tracker(camera.pixels(m, seen, k) + 0.5 * rng.normal(size=(10, 2)), seen)
+    if not np.all(np.isfinite(ekf.x)):
+        return np.inf, np.inf
     away, turn = ekf.x[:3] - true.at(0).r, turn_between(true.at(0).dcm_BN, ekf.dcm_BN())
     return float(np.linalg.norm(away)), float(np.linalg.norm(turn))
 
@@ -65,8 +67,9 @@ def test_flavours() -> None:
     assert attitude < 1e-3
     wrong, _ = flight(BUG_FIXED, 60, altitude=height + 1000.0)  # the assumed range comes back as a measured one
     assert 500.0 < wrong < 1300.0
-    lost, _ = flight(AS_WRITTEN, 60)
-    assert not lost < 1e4
+    with np.errstate(all="ignore"):  # it runs away
+        lost, _ = flight(AS_WRITTEN, 60)
+    assert lost > 1e4
 
 
 def test_tuning_and_geodetic() -> None:

@@ -25,6 +25,8 @@ _EVENLY = (0.0625, 0.4375, 0.4375, 0.0625)
 """Parts of an evenly lit pixel in the four cells around its middle, each way, by the triangle."""
 _RAMP = (-5.0 / 192.0, -17.0 / 192.0, 17.0 / 192.0, 5.0 / 192.0)
 """What light that grows by 1 in a pixel adds to them."""
+_STEEPEST = 1.2
+"""Growth, each way, to the light of the pixel: 2 * 1.2 * 5 / 192 = 0.0625."""
 
 
 def weights(sigma_px: float) -> F64:
@@ -95,14 +97,18 @@ def spread(
 
 @compiled
 def _slope(light: F32, edge: U8, i: int, j: int, down: int, right: int) -> np.float32:
-    """Growth of the light from pixel to pixel, from those neighbours that have no limb."""
+    """Growth of the light from pixel to pixel, from those neighbours that have no limb.
+
+    Not more than leaves light in every cell: beside a star a straight line would run below zero.
+    """
     total, count = np.float32(0.0), 0
     for sign in (-1, 1):
         a, b = i + sign * down, j + sign * right
         if 0 <= a < light.shape[0] and 0 <= b < light.shape[1] and edge[a, b] == 0:
             total += np.float32(sign) * (light[a, b] - light[i, j])
             count += 1
-    return total / np.float32(max(count, 1))
+    most = np.float32(_STEEPEST) * light[i, j]
+    return min(max(total / np.float32(max(count, 1)), -most), most)
 
 
 @compiled
@@ -157,6 +163,8 @@ def blur_tile(top: int, left: int, light: F32, fine: F32, edge: U8, weight: F32,
         for k in range(weight.shape[0]):
             for j in range(columns):
                 total[left + j] += weight[k] * line[start + 2 * j + k]
+        for j in range(columns):
+            total[left + j] = max(total[left + j], np.float32(0.0))  # rounding
 
 
 @compiled
