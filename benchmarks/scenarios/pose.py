@@ -87,7 +87,8 @@ CASES = (
         NARROW,
         STAR,
         tilt_deg=5.0,
-        altitudes_m=(H - 1e3, H, H + 1e3),
+        altitudes_m=(H, H + 1e3),
+        flavours=(BUG_FIXED,),
     ),
     Case("S7", "no altitude is assumed: 20 degrees off nadir", NARROW, STAR, tilt_deg=20.0),
     Case(
