@@ -60,6 +60,21 @@ def covariance_time(Phi: F64, Q: F64, P: F64) -> int:
 
 
 @compiled
+def times_transposed(P: F64, H: F64, PHt: F64) -> None:
+    """PHt (n, m) = P H', for P (n, n) and H (m, n), most of which may be zero."""
+    m, n = H.shape
+    for i in range(n):
+        for a in range(m):
+            PHt[i, a] = 0.0
+    for a in range(m):
+        for k in range(n):
+            h = H[a, k]
+            if h != 0.0:
+                for i in range(n):
+                    PHt[i, a] += P[i, k] * h
+
+
+@compiled
 def innovation_covariance(P: F64, H: F64, R: F64, PHt: F64, S: F64) -> None:
     """S = H P H' + R.
 
@@ -71,15 +86,7 @@ def innovation_covariance(P: F64, H: F64, R: F64, PHt: F64, S: F64) -> None:
         S: out (m, m).
     """
     m, n = H.shape
-    for i in range(n):
-        for a in range(m):
-            PHt[i, a] = 0.0
-    for a in range(m):
-        for k in range(n):
-            h = H[a, k]
-            if h != 0.0:
-                for i in range(n):
-                    PHt[i, a] += P[i, k] * h
+    times_transposed(P, H, PHt)
     for a in range(m):
         for b in range(m):
             value = R[a, b]
@@ -143,13 +150,8 @@ def joseph(K: F64, H: F64, R: F64, P: F64) -> int:
         P: (n, n) covariance, updated.
     """
     n, m = K.shape
-    first, PHt, KR = np.empty((n, n)), np.zeros((n, m)), np.zeros((n, m))
-    for a in range(m):
-        for k in range(n):
-            h = H[a, k]
-            if h != 0.0:
-                for i in range(n):
-                    PHt[i, a] += P[i, k] * h
+    first, PHt, KR = np.empty((n, n)), np.empty((n, m)), np.zeros((n, m))
+    times_transposed(P, H, PHt)
     for i in range(n):
         for j in range(n):
             value = P[i, j]

@@ -10,8 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from fsw import Module, OutPort
-from fsw.ports import In
+from benchmarks.scenarios.feed import fed
 from messages.base import F64
 from messages.opnav import MAX_CIRCLES, MAX_LIMB, CameraConfigMsg, OpNavCirclesMsg, OpNavLimbMsg
 from messages.states import NavAttMsg
@@ -27,14 +26,8 @@ def vectors(name: str) -> list[dict[str, Any]]:
     return json.loads(path.read_text(encoding="utf-8"))[name]
 
 
-def sources(module: Module) -> dict[str, OutPort[Any]]:
-    """An output for each input of a module."""
-    owner, made = Module("sources"), dict[str, OutPort[Any]]()
-    for name, port in module.ports.items():
-        if isinstance(port, In):
-            made[name] = OutPort(owner, name, port.kind)
-            made[name].connect(vars(module)[name])
-    return made
+sources = fed
+"""An output for each input of a module."""
 
 
 def camera(focal: float, size: int = 1024, distortion: Sequence[float] = (0.0,) * 5, **more: Any) -> CameraConfigMsg:
